@@ -1,1 +1,1 @@
-"""Reading logs: columns and units, checks, filtering and differentiation, windows of samples."""
+"""Reads logs: columns and units, checks, filtering and differentiation, windows of samples."""

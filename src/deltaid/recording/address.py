@@ -1,7 +1,7 @@
 """Addresses of fields in a recording: `name`, `name[0]`, `group/name[0]`, `topic.field[joint]`.
 
-One syntax for all kinds of files. `name[i]` is a column of an array or an element of a list,
-counted from 0, whichever axis has the samples; `name[:,i]` and `name[i,:]` select that axis.
+All kinds of files share this syntax. `name[i]` is a column of an array or an element of a list,
+counted from 0, whichever axis has the samples; `name[:,i]` and `name[i,:]` name that axis.
 """
 
 import re
@@ -18,15 +18,15 @@ class RecordedField:
     """A named field of a recording.
 
     Attributes:
-        name: its address.
-        shape: of its numbers; None is a number of samples that only reading determines.
-        labels: names of its columns, such as those of joints, that may replace their indices.
-        holds: its content if not numbers.
-        cure: fix of that.
-        is_opaque: whether it may hold numbers of a recording, but cannot be read.
-        is_clock: whether it is read as seconds since the first row, as dates are.
-        is_duration: whether it holds durations, read as seconds.
-        is_truth: whether it holds true and false, read as 1 and 0.
+        name: address of the field.
+        shape: shape of its numbers; None for a number of samples that only reading determines.
+        labels: names of its columns, such as joints, which may replace indices.
+        holds: content of the field if it holds no numbers; else empty.
+        cure: fix of a field without numbers.
+        is_opaque: whether the field may hold numbers of a recording, but cannot be read.
+        is_clock: whether it holds dates or times of day, which become seconds since the first row.
+        is_duration: whether it holds durations, which are read as seconds.
+        is_truth: whether it holds true and false, which are read as 1 and 0.
     """
 
     name: str
@@ -57,9 +57,13 @@ class RecordedField:
 
 @dataclass(frozen=True)
 class Pick:
-    """One column: a field and an index, with None for `axis`, that of the samples.
+    """One column of a field.
 
-    The number of `samples` is None if only reading determines it.
+    Attributes:
+        field: the field.
+        at: index of the column in the field, with None on the axis of the samples.
+        axis: axis of the samples.
+        samples: number of samples; None if only reading determines it.
     """
 
     field: RecordedField
@@ -75,10 +79,11 @@ class Pick:
 
 
 def find(fields: Sequence[RecordedField], address: str) -> tuple[RecordedField, str] | None:
-    """The field of an address and the text in its last brackets; None if there is none.
+    """Field of an address, and the text in the last brackets of the address; None if the recording
+    has no such field.
 
-    A name that itself has brackets takes precedence over an element. `.` and `/` are equivalent,
-    and `[0]` may follow what exists once.
+    A name that has brackets itself takes precedence over an element of an array. `.` and `/` are
+    equivalent, and `[0]` may be added to names or omitted.
     """
     by_name = {field.name: field for field in reversed(fields)}
     by_key = {_key(field.name): field for field in reversed(fields)}
@@ -98,12 +103,12 @@ def find(fields: Sequence[RecordedField], address: str) -> tuple[RecordedField, 
 def locate(
     fields: Sequence[RecordedField], addresses: Sequence[str], where: str, cure: str = ""
 ) -> list[Pick]:
-    """The columns of addresses, all of one length.
+    """Columns of addresses, which must have one length.
 
     Args:
-        fields: of the recording.
-        addresses: the first plain column determines the number of samples.
-        where: the recording, for messages.
+        fields: fields of the recording.
+        addresses: addresses, of which the first plain column determines the number of samples.
+        where: name of the recording, for messages.
         cure: fix of a missing column.
 
     Raises:
@@ -181,7 +186,7 @@ def _index(
         raise _refused(f"{field.name} is one number, not a column", field, where)
     if ":" in inner:
         return _as_written(field, inner, where)
-    # The axis as long as the time; without a time the longest one.
+    # Samples are on the axis that is as long as the time; without a time, on the longest one.
     fitting = [axis for axis, size in enumerate(field.shape) if size in (None, samples)]
     axis = [*fitting, max(range(len(field.shape)), key=lambda axis: field.shape[axis] or 0)][0]
     across = [a for a in field.wide if a != axis]

@@ -1,4 +1,4 @@
-"""Turns arrays into columns of a recording: shapes, numbers, times and units."""
+"""Converts arrays to columns of a recording: checks shapes, numbers, times and units."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -11,14 +11,14 @@ from deltaid.mechanism.one_or_many import real_numbers
 from deltaid.recording.mapped_columns import SHORT_NAMES, DriveColumn, Quantity, TimeColumn
 from deltaid.recording.mapping import ColumnMapping
 
-# In one unit for all drives, or one a drive.
+# One unit for all drives, or one unit per drive.
 Units = str | Sequence[str]
 
 
 def copied(values: np.ndarray) -> np.ndarray:
-    """A contiguous copy, because polars would share the memory of the array.
+    """Contiguous copy, because polars would share the memory of the array.
 
-    Truth values stay, so that columns other than states can refuse them.
+    Truth values are kept, so that columns other than states can refuse them.
     """
     kind = bool if values.dtype == bool else np.float64
     return np.array(values, dtype=kind, order="C", copy=True)
@@ -28,8 +28,11 @@ def numbers_of(value: ArrayLike, where: str, *, truths: bool = False) -> np.ndar
     """Array-like values as real numbers.
 
     Args:
-        where: for messages.
+        where: place of the values, for messages.
         truths: whether arrays of truth values are allowed.
+
+    Raises:
+        RecordingError: the values are not real numbers.
     """
     is_truth = getattr(getattr(value, "dtype", None), "kind", "") == "b"
     if truths and is_truth and not np.ma.is_masked(value):
@@ -39,7 +42,7 @@ def numbers_of(value: ArrayLike, where: str, *, truths: bool = False) -> np.ndar
 
 
 def require_shapes(arrays: dict[str, np.ndarray], name: str) -> None:
-    """Refuse arrays that differ in shape from (samples, drives)."""
+    """Refuse arrays whose shape is not (samples, drives), or not that of q."""
     shape = arrays["q"].shape
     for key, array in arrays.items():
         if array.ndim != 2 or not array.size:
@@ -59,7 +62,7 @@ def require_shapes(arrays: dict[str, np.ndarray], name: str) -> None:
 def time_of(
     t: ArrayLike | None, rate: float | None, unit: str | None, samples: int, name: str
 ) -> np.ndarray:
-    """Times of the samples, from t or from the rate."""
+    """Times of the samples, from t or from the rate [Hz]."""
     if (t is None) == (rate is None):
         raise RecordingError(
             "neither t nor rate is given" if t is None else "both t and rate are given",
@@ -90,7 +93,7 @@ def time_of(
 def extra_columns(
     given: Mapping[str, ArrayLike], samples: int, taken: Collection[str], name: str
 ) -> dict[str, np.ndarray]:
-    """Extra columns; those of an array with several columns are `key[0]`, `key[1]`, …
+    """Copies of extra columns; an array with several columns gives `key[0]`, `key[1]`, …
 
     Args:
         taken: names of the other columns.
@@ -106,12 +109,12 @@ def extra_columns(
 
 
 def columns_of(table: Mapping[str, ArrayLike] | np.ndarray, name: str) -> dict[str, np.ndarray]:
-    """Columns of a dictionary of arrays, or of a structured array; copies.
+    """Copies of the columns of a dictionary of arrays, or of a structured array.
 
-    An array of several columns under a name gives `name[0]`, `name[1]`, …
+    An array with several columns under a key gives `key[0]`, `key[1]`, …
 
     Raises:
-        RecordingError: they hold no numbers, their lengths differ, or the array has no names.
+        RecordingError: columns hold no numbers, their lengths differ, or the array has no names.
     """
     if isinstance(table, np.ndarray):
         if table.dtype.names is None:
@@ -127,11 +130,11 @@ def columns_of(table: Mapping[str, ArrayLike] | np.ndarray, name: str) -> dict[s
 def _columns(
     given: Mapping[str, ArrayLike], prefix: str, samples: int | None = None
 ) -> dict[str, np.ndarray]:
-    """Copies of columns; those of an array with several columns are `key[0]`, `key[1]`, …
+    """Copies of columns; an array with several columns gives `key[0]`, `key[1]`, …
 
     Args:
-        prefix: of their names, in messages.
-        samples: number of samples of each; None if the first determines it.
+        prefix: text ahead of their names in messages.
+        samples: number of samples of each column; None if the first column determines it.
     """
     columns: dict[str, np.ndarray] = {}
     for key, value in given.items():
@@ -155,7 +158,7 @@ def _columns(
 def mapping_of(
     units: dict[str, Units | None], unit_t: str | None, arrays: dict[str, np.ndarray], name: str
 ) -> ColumnMapping | None:
-    """Units as a mapping; None without units."""
+    """Mapping that states the units; None without units."""
     columns: dict[Quantity, tuple[DriveColumn, ...]] = {}
     for quantity, key in SHORT_NAMES.items():
         if (unit := units[key]) is None:

@@ -1,7 +1,7 @@
 """Loads that a robot carries in a recording, as the user declares them.
 
-A load is held as a column shows, in spans of time, or always. Known properties are given, the
-others are identified. Loads of one name are the same load in all recordings.
+A column shows when a load is held, or it is held in spans of time, or always. The user states known
+properties; the others are identified. Loads of one name are the same load in all recordings.
 """
 
 from typing import Annotated, Literal
@@ -69,17 +69,17 @@ class Load(Part):
 
     @property
     def holding(self) -> tuple[float, ...] | None:
-        """The column's numbers while the load is held; None if it is 0 or 1."""
+        """Numbers of the column while the load is held; None if the column is 0 or 1."""
         return (self.when,) if isinstance(self.when, float | int) else self.when
 
     def held(
         self, time: Float[np.ndarray, " samples"], column: Float[np.ndarray, " samples"] | None
     ) -> Bool[np.ndarray, " samples"]:
-        """Whether the load is held, sample by sample.
+        """Whether the load is held at each sample.
 
         Args:
-            time: as the recording has it [s].
-            column: its numbers, if there is one.
+            time: time of the recording [s].
+            column: numbers of the load's column, if it has one.
         """
         if column is not None:
             return np.isin(column, self.holding or (1.0,))
@@ -123,10 +123,10 @@ class Load(Part):
 
 
 def carrier(load: Load, robot: RobotDescription) -> str:
-    """The body that carries a load.
+    """Name of the body that carries a load.
 
     Raises:
-        RecordingError: the robot has no such body, or none is named and there is no EE or P.
+        RecordingError: the robot has no such body, or none is named and it has no EE or P.
     """
     name = load.body or robot.load_carrier
     if name in robot.body_names:

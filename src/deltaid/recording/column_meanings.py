@@ -1,7 +1,8 @@
-"""Meanings of a foreign recording's columns by their names.
+"""Meanings of columns by their names, for recordings without default names.
 
-Names state the quantity, command or measurement, axis and unit of a column. The words below, in
-five languages, are in lower case without accents; compounds (`Drehzahlistwert`) are split.
+A name states a column's quantity, axis and unit, and whether it is commanded or measured. The words
+below, in five languages, are in lower case without accents. Compounds (`Drehzahlistwert`) are
+split.
 """
 
 import re
@@ -12,8 +13,7 @@ from functools import cache
 
 from deltaid.recording.units import SI_UNITS, factor_among, is_unit
 
-# Quantities by their words. Of several in one name the first in this order counts: a joint's torque
-# is no position.
+# Words of quantities. If a name has words of several, the first quantity in this order counts.
 QUANTITIES = {
     quantity: frozenset(words.split())
     for quantity, words in {
@@ -39,9 +39,9 @@ QUANTITIES = {
         ),
     }.items()
 }
-# Derivatives by their suffix: theta_dot.
+# Suffixes of derivatives, such as theta_dot.
 DERIVATIVES = {"dot": "velocity", "ddot": "acceleration"}
-# Other meanings of words.
+# Words with other meanings.
 _ROLES = {
     key: frozenset(words.split())
     for key, words in {
@@ -54,7 +54,7 @@ _ROLES = {
             "soll sollwert demand goal consigne planned programmed calculated computed ff "
             "feedforward 目标 指令 给定 参考 目標"
         ),
-        # Not a drive's state.
+        # Signals that are no state of a drive.
         "others": (
             "err error errors diff difference dev deviation fehler abweichung lag following "
             "tracking limit max min tcp tool platform cartesian ee eef effector end gripper base "
@@ -71,8 +71,8 @@ _ROLES = {
     }.items()
 }
 _KNOWN = frozenset[str]().union(*QUANTITIES.values(), *_ROLES.values(), DERIVATIVES)
-# Units in pint's spelling and in others, in lower case without blanks. The empty unit depends on a
-# rated value or an encoder, which only the user knows.
+# Units in pint's spelling, and other spellings in lower case without blanks. Units under the empty
+# name depend on a rated value or an encoder, which only the user knows.
 _SPELLINGS = {
     "s": "s sec secs second seconds sek sekunden 秒",
     "ms": "ms msec millis milliseconds 毫秒 ミリ秒",
@@ -100,9 +100,9 @@ _SPELLINGS = {
     "pulse pulses digits lu cnt/s cnt/sec counts/s inc/s",
 }
 UNITS = {text: unit for unit, texts in _SPELLINGS.items() for text in texts.split()}
-# Documented names of drives' signals with their unit: None if the user sets it, empty if it depends
-# on a rated value or an encoder. SINAMICS parameters, CiA 402 objects, SERCOS
-# identifiers; ACOPOS, AKD, KUKA, Yaskawa and ACS.
+# Documented names of signals of drives, with quantity and unit: None if the user sets the unit,
+# empty if it depends on a rated value or an encoder. SINAMICS parameters, CiA 402 objects, SERCOS
+# identifiers; names of ACOPOS, AKD, KUKA, Yaskawa and ACS.
 SIGNALS: dict[str, tuple[str, str | None]] = {
     **dict.fromkeys(("r0061", "r0063", "r0021"), ("velocity", "rpm")),
     **dict.fromkeys(("r0080", "r0031", "torque_axis_act", "geartorque"), ("torque", "N m")),
@@ -116,7 +116,7 @@ SIGNALS: dict[str, tuple[str, str | None]] = {
     **dict.fromkeys(("sctrl_speed_act", "vl.fb", "fspd", "fvel"), ("velocity", None)),
     **dict.fromkeys(("aspos", "cpos", "mpos", "cspd"), ("commanded", None)),
 }
-# Fewest letters of a part of a compound, and links of German compounds.
+# Fewest letters in a part of a compound, and letters that link parts of German compounds.
 _PART, _LINKS = 3, ("", "s", "n", "en", "es")
 _BRACKETS = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _LATIN = re.compile(r"[A-Za-zµ]+|[^\W\dA-Za-z_]+")
@@ -138,10 +138,10 @@ class Reading:
         quantity: time, position, velocity, acceleration, torque or current; empty if none.
         unit: in pint's spelling; empty if it depends on a rated value or an encoder; None if
             unstated.
-        is_measured: whether the name says so.
-        is_usable: whether it is a measured state of a drive.
-        words: of the name.
-        documented: name of a drive's signal that determined the quantity, if any.
+        is_measured: whether the name states that the column is measured.
+        is_usable: whether the column may be a measured state of a drive.
+        words: words of the name.
+        documented: documented name of a drive's signal that determined the quantity, if any.
     """
 
     quantity: str
@@ -153,7 +153,7 @@ class Reading:
 
     @property
     def rank(self) -> tuple[bool, bool, int]:
-        """Torque before current, measured before plain names, few words before many."""
+        """Sort key: torque over current, measured over plain names, few words over many."""
         return self.quantity != "current", self.is_measured, -len(self.words)
 
 
@@ -173,7 +173,7 @@ class Group:
 
 
 def unit_of(text: str) -> str | None:
-    """A unit in pint's spelling; empty if it needs a rated value; None if it is no unit."""
+    """Unit in pint's spelling; empty if it depends on a rated value; None if it is no unit."""
     plain = text.replace(" ", "").casefold()
     if plain in UNITS:
         return UNITS[plain]
@@ -184,7 +184,7 @@ def unit_of(text: str) -> str | None:
 
 @cache
 def kind_of(unit: str) -> str:
-    """Quantity of a unit, such as 'position' of 'deg'; empty if drives have none."""
+    """Quantity of a unit, such as 'position' for 'deg'; empty if it is none of a drive."""
     return next((kind for kind, si in SI_UNITS.items() if factor_among(unit, *si) is not None), "")
 
 
@@ -212,8 +212,8 @@ def read_name(name: str) -> Reading:
 
 
 def groups_of(names: Sequence[str], drives: int) -> Iterator[Group]:
-    """Groups of one column per drive whose names differ in the axis only; axes are numbers from 0
-    or 1, or letters in order."""
+    """Groups of one column per drive whose names differ only in the axis: a number from 0 or 1, or
+    letters in order."""
     numbered, lettered = dict[str, dict[int, int]](), dict[str, dict[int, int]]()
     for place, name in enumerate(names):
         for match in _NUMBER.finditer(name):
@@ -243,7 +243,7 @@ def _without_unit(name: str) -> tuple[str, str | None]:
     for match in reversed([*_BRACKETS.finditer(name)]):
         if not match[1].isdecimal() and (unit := unit_of(match[1])) is not None:
             return f"{name[: match.start()]} {name[match.end() :]}", unit
-    # A unit may precede the axis too, unless it is a letter, which may be the axis.
+    # A unit may also precede the axis, except a single letter, which may be the axis.
     for text, shortest in ((name, 1), (re.sub(r"[_ ]?\d+$", "", name), 2)):
         parts = re.split(r"[_\s]+", text.strip())
         for count in (2, 1):
@@ -254,8 +254,8 @@ def _without_unit(name: str) -> tuple[str, str | None]:
 
 
 def _in_words(name: str) -> Iterator[str]:
-    """'Axis1.ActPos' as axis, act, pos; compounds in parts; Chinese and Japanese by the
-    longest known words."""
+    """Split a name into words: 'Axis1.ActPos' gives axis, act, pos; compounds give their parts,
+    Chinese and Japanese the longest known words."""
     for run in _LATIN.findall(name):
         if not run[0].isascii() and not unicodedata.name(run[0], "").startswith("LATIN"):
             yield from _longest_known(run)
@@ -278,7 +278,7 @@ def _longest_known(run: str) -> Iterator[str]:
 
 @cache
 def _parts(word: str) -> tuple[str, ...]:
-    """Known words of a compound; empty if it is none."""
+    """Known words of a compound; empty if the word is no compound."""
     for size in range(len(word) - _PART, _PART - 1, -1):
         for link in _LINKS:
             rest = word[size + len(link) :]

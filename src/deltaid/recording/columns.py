@@ -1,6 +1,6 @@
-"""Columns of a log by quantity, and corrections of positions and torques that drives misread.
+"""Columns of a log by quantity, and corrections of recorded positions q_m and torques τ_m,
 
-    q = (1 + r) q_m + q_0,    τ = τ_m (1 − β_2 u² − β_4 u⁴),   u = τ_m / τ_max
+    q = (1 + r) q_m + q_0,    τ = τ_m (1 − β_2 u² − β_4 u⁴),   u = τ_m / τ_max,
 
 with the error r of the gear ratio, the error q_0 of the zero, and a torque constant that falls with
 current, by the share β_2 + β_4 at τ_max.
@@ -24,7 +24,7 @@ LEAST_SLOPE = 0.1
 
 @dataclass(frozen=True)
 class Channel:
-    """One column with the affine map to SI: value = scale · (number − zero).
+    """One column with its affine map to SI: value = scale · (number − zero).
 
     Attributes:
         turn: change of the column in one turn; 0 if it does not count turns.
@@ -38,10 +38,10 @@ class Channel:
 
 @dataclass(frozen=True)
 class TimeChannel(Channel):
-    """The time.
+    """Channel of the time.
 
     Attributes:
-        is_absent: whether the log has no time; it is then the number of the row, from 0.
+        is_absent: whether the log has no time; row numbers from 0 then replace it.
         counts: whether the column counts cycles.
     """
 
@@ -51,12 +51,12 @@ class TimeChannel(Channel):
 
 @dataclass(frozen=True)
 class SensorChannels:
-    """The columns of a sensor.
+    """Columns of a sensor in a log.
 
     Attributes:
-        name: of the sensor in the description.
-        channels: with their maps to N or N m, in the order of the sensor's channels.
-        delay: by which it is recorded later than the motion [s].
+        name: name of the sensor in the description.
+        channels: columns with their maps to N or N m, in the order of the sensor's channels.
+        delay: time by which the sensor lags the motion [s].
     """
 
     name: str
@@ -71,8 +71,8 @@ class Columns:
     Attributes:
         extra: additional columns in their own units, each once: first those of sensors, NaN where
             they do not count, then states.
-        loads: what the robot carries, and when.
-        temperature: one of `extra`, with its map to degrees Celsius; None if there is none.
+        loads: loads that the robot carries, and when.
+        temperature: one of `extra`, with its map to degrees Celsius; None without temperatures.
         sensors: sensors of the log; their channels are the first of `extra`.
         drives: channels of the drives.
         all: all channels: time, drives, extra columns.
@@ -119,16 +119,16 @@ class Columns:
 
     @property
     def states(self) -> int:
-        """Number of extra columns that hold their value until the next one is recorded."""
+        """Number of extra columns that are states: they hold a value until the next one."""
         return self.extra_places.stop - self.sensor_places.stop
 
     def shown(
         self, extra: Float[np.ndarray, "samples extra"]
     ) -> dict[str, Float[np.ndarray, "_ samples"]]:
-        """Values of each sensor of the log, by its name: (channels, samples) [N, N m].
+        """Values of each sensor of the log by its name: (channels, samples) [N, N m].
 
-        All channels of a sensor are NaN in samples that do not count for it: without a number, in
-        holes and stale rows, and in stretches that are excluded for all drives.
+        All channels of a sensor are NaN in samples that do not count for it: those without a
+        number, in holes and stale rows, and in stretches that are excluded for all drives.
 
         Args:
             extra: numbers of the extra columns.
@@ -154,10 +154,10 @@ class Columns:
     def held(
         self, time: Float[np.ndarray, " samples"], extra: Float[np.ndarray, "samples extra"]
     ) -> Bool[np.ndarray, "loads samples"]:
-        """Which loads the robot holds, sample by sample.
+        """Whether the robot holds each load at each sample.
 
         Args:
-            time: of the samples, as the recording has it [s].
+            time: times of the samples in the recording [s].
             extra: numbers of the extra columns.
         """
         states = [
@@ -206,11 +206,11 @@ class Readings(Part):
         return rows
 
     def recorded(self, torque: Torque) -> Torque:
-        """τ_m of torques τ, |τ_m| ≤ τ_max, by Newton's method."""
+        """Recorded torques τ_m of torques τ, |τ_m| ≤ τ_max, by Newton's method."""
         if not self.falling:
             return torque
         out, highest, number = torque, np.array(self.largest), np.finfo(float)
-        for _ in range(number.nmant):  # no more steps than bisection takes
+        for _ in range(number.nmant):  # as many steps as bisection takes, at most
             share, slope = self._share(out)
             step = (out * share - torque) / np.maximum(slope, LEAST_SLOPE)
             before, out = out, np.clip(out - step, -highest, highest)
@@ -220,7 +220,7 @@ class Readings(Part):
         return out
 
     def _share(self, torque: Torque) -> tuple[Torque, Torque]:
-        """τ / τ_m, and dτ / dτ_m."""
+        """Ratio τ / τ_m and slope dτ / dτ_m."""
         squared = (torque / np.array(self.largest)) ** 2
         second, fourth = np.array(self.falling).T
         share = 1.0 - second * squared - fourth * squared**2

@@ -1,4 +1,4 @@
-"""Contents of a recording: its columns with the range of their numbers, and a proposed mapping."""
+"""Contents of a recording: columns with the range of their numbers, and a proposed mapping."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -22,8 +22,8 @@ class Contents:
     """Contents of a recording.
 
     Attributes:
-        columns: with the range of their numbers.
-        rows: their number.
+        columns: columns with the range of their numbers.
+        rows: number of rows.
         proposal: the proposed mapping.
     """
 
@@ -33,10 +33,10 @@ class Contents:
 
 
 def count_columns(path: str) -> int:
-    """Number of columns of a file, if it may be a recording; only its beginning is read.
+    """Number of columns of a file that may be a recording; only its beginning is read.
 
     Raises:
-        RecordingError: it cannot be read, or holds no numbers.
+        RecordingError: the file cannot be read, or holds no numbers.
     """
     table = open_table(Path(path))
     columns = addresses(table.fields, table.units)
@@ -65,14 +65,15 @@ def columns(
 
     Args:
         log: a file, or a recording in memory.
-        robot: whose drives are searched for; by default as many as positions are numbered.
-        units: by quantity ("torque": "0.0235 N*m"); they override units in names.
+        robot: the robot, whose number and kinds of drives are used; by default, columns determine
+            the number of drives, and drives turn.
+        units: units by quantity ("torque": "0.0235 N*m"), which override units in names.
         gear: motor revolutions per joint revolution, if columns are of the motors.
-        torque_constant: N m per A at the motor, for currents.
+        torque_constant: torque constant at the motor [N m/A], for currents.
 
     Raises:
         RecordingError: the recording cannot be read.
-        DescriptionError: there is no such robot.
+        DescriptionError: the robot does not exist.
     """
     linear = None if robot is None else described(robot).linear_drives
     return read_contents(log, linear, Known(units or {}, gear, torque_constant)).proposal
@@ -81,10 +82,10 @@ def columns(
 def read_contents(
     log: RecordingLike, linear: Sequence[bool] | None, known: Known | None = None
 ) -> Contents:
-    """All columns of a recording, and the proposed mapping.
+    """Read all columns of a recording, and propose a mapping.
 
     Args:
-        linear: for each drive of the robot whether it slides; None without a robot.
+        linear: whether each drive of the robot slides; None without a robot.
         known: units, gear and torque constant that the user states.
 
     Raises:
@@ -106,7 +107,7 @@ def read_contents(
 
 
 def proposal_for(table: LogTable, linear: Sequence[bool]) -> MappingProposal:
-    """The mapping proposed for an open table by its first rows, or by names alone if these have no
+    """Propose a mapping for an open table by its first rows, or by names alone if these include no
     positions.
 
     Raises:
@@ -130,11 +131,10 @@ def _with_ranges(
 ) -> tuple[Sequence[Column], int]:
     """Columns with the range of their numbers in at most `most` rows, and the number of rows.
 
-    Columns of different lengths are read one by one; columns that cannot be read stay without a
-    range.
+    Columns of different lengths are read one by one; columns that cannot be read have no range.
 
     Raises:
-        RecordingError: none of several can be read.
+        RecordingError: none of several columns can be read.
     """
     low, high, count = np.full(len(columns), np.inf), np.full(len(columns), -np.inf), 0
     starts = list[np.ndarray]()

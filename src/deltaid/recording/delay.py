@@ -5,15 +5,15 @@ A torque recorded δ_i late is read δ_i later. In samples,
     δ_i · rate = k_i + f + r_i,
 
 with whole samples k_i, a fraction f that drives have in common, |f| ≤ ½, and the remainder r_i of
-each drive. The common fraction moves the motion instead, to the instant t − f / rate: positions and
-sensors are smooth and can be interpolated, while a torque jumps where a joint reverses, and
+each drive. The common fraction shifts the motion instead, to the instant t − f / rate: positions
+and sensors are smooth and can be interpolated, while a torque jumps where a joint reverses, and
 interpolation spreads the jump over neighbouring samples. So if all drives have the same lag,
-torques stay as recorded. Torques are interpolated, r_i ≠ 0, only of drives whose lag differs by a
-fraction of a sample.
+torques stay as recorded. Only torques of drives whose lag differs by a fraction of a sample,
+r_i ≠ 0, are interpolated.
 
-A torque y that passed a filter 1/(1 + T s) was y + T ẏ, with the slope of the interpolating
-polynomial. If torques have another clock than positions, the lag δ + ρ (t − t_0) grows with time,
-and all torques are interpolated.
+A torque that is y behind a filter 1/(1 + T s) was y + T ẏ ahead of it, with the slope of the
+interpolating polynomial. If torques and positions have different clocks, the lag δ + ρ (t − t_0)
+grows with time, and all torques are interpolated.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,19 +27,19 @@ from deltaid.recording.time.signals import weights_at
 from deltaid.recording.units import SIDE
 from deltaid.recording.windows import WINDOW
 
-# Samples on either side from which a torque, and one with its slope, are interpolated; of a motion
-# there are `SIDE`.
+# Samples on either side that interpolate a torque, and a torque with its slope; a motion takes
+# `SIDE`.
 TORQUE_SIDE, _SLOPE_SIDE = 2, 3
-# Parts of a sample that count as none: a torque is off by as small a share of its change.
+# Fraction of a sample that counts as zero: it changes a torque by this share of its step.
 _NONE = np.sqrt(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
 class LagGrowth:
-    """How lags grow with time, by ρ (t − t_0).
+    """Growth of lags with time, by ρ (t − t_0).
 
     Attributes:
-        rate: ρ, the share by which the clock of torques runs slow; negative if it runs fast.
+        rate: ρ, the share by which the clock of torques is slow; negative if it is fast.
         about: t_0 [s].
         reach: largest |t − t_0| [s].
     """
@@ -54,12 +54,12 @@ class Shift:
     """Delays, filters and clock errors in samples.
 
     Attributes:
-        common: f, by which the motion is taken earlier, in samples.
+        common: f, by which the motion is read earlier, in samples.
         whole: k of each drive.
-        rest: r of each drive, between -½ and ½.
+        rest: r of each drive.
         constants: T of each drive's filter, in samples; empty for none.
-        growth: of all lags; None for none.
-        grown: largest change by that, in samples.
+        growth: growth of all lags; None for none.
+        grown: bound of |ρ (t − t_0)|, in samples.
     """
 
     common: float
@@ -77,13 +77,15 @@ class Shift:
         constants: Sequence[float] = (),
         growth: LagGrowth | None = None,
     ) -> "Shift":
-        """The shift of delays [s] at a sampling rate [Hz], with as few interpolated torques as
-        possible.
+        """Shift that corrects delays with as few interpolated torques as possible.
 
         The common fraction is that of most drives; 0 if lags grow.
 
         Args:
-            constants: of filters [s]; empty for none.
+            delay: lag of each drive's torque [s]; empty for none.
+            rate: sampling rate [Hz].
+            constants: time constants of filters [s]; empty for none.
+            growth: growth of all lags; None for none.
         """
         late = delay if len(delay) else np.zeros(len(constants))
         samples = np.asarray(late, dtype=float) * rate
@@ -117,7 +119,7 @@ class Shift:
         return max(moved, around - first, 0), max(moved, around + last, 0)
 
     def rows(self, wide: Rows, motion: int, rate: float, sensors: slice = slice(0, 0)) -> Rows:
-        """Corrected rows: those of `wide` without `reach` at either end.
+        """Corrected rows of `wide`, without `reach` at either end.
 
         Args:
             wide: time, columns of motion, one torque per drive; at the end one weight per drive.
@@ -162,13 +164,13 @@ class Shift:
 def delayed(segment: Iterable[Rows], columns: Columns, shift: Shift, rate: float) -> Iterator[Rows]:
     """Rows of a segment with τ(t + δ) at the time t of the motion, in constant memory.
 
-    A torque's weight becomes the least of its row and of those under it; torques from beyond the
-    ends have none. The result does not depend on the blocks.
+    The weight of a torque becomes the least of its row and of the rows that interpolate it; torques
+    from beyond the ends have weight 0. The result does not depend on the blocks.
 
     Args:
         segment: evenly spaced rows in blocks: `columns`, then one weight per drive.
-        columns: of the rows.
-        shift: δ of each drive; negative if torques are early.
+        columns: columns of the rows.
+        shift: shift by δ of each drive, which is negative if torques are early.
         rate: samples per second.
     """
     before, after = shift.reach
@@ -181,14 +183,14 @@ def in_time(segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[
     """Rows of a segment with y(t + δ) of each sensor at the time t of the motion, in constant
     memory.
 
-    Sensors are interpolated, as the motion is. Beyond the ends of a segment they are NaN.
+    Sensors are interpolated like the motion; they are NaN beyond the ends of a segment.
 
     Args:
         segment: evenly spaced rows in blocks.
-        columns: of the rows, with the delay of each sensor.
+        columns: columns of the rows, with the delay of each sensor.
         rate: rows per second.
     """
-    # Columns of a sensor, and weights of later samples.
+    # Columns of each delayed sensor, and weights of the samples that interpolate it.
     shifts = [
         (np.arange(places.start, places.stop), around(sensor.delay * rate, SIDE))
         for sensor, places in columns.places_of_sensors()
@@ -209,12 +211,12 @@ def in_time(segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[
 
 
 def around(place: float, half: int, constant: float = 0.0) -> list[tuple[int, float]]:
-    """Samples about a place and their weights in y + T ẏ there, by Lagrange's polynomial.
+    """Samples around a place, and their weights in y + T ẏ there by Lagrange's polynomial.
 
     Args:
-        place: in samples.
+        place: place in samples.
         half: number of samples on either side.
-        constant: T, in samples.
+        constant: T in samples.
     """
     whole = int(np.floor(place))
     s = place - whole

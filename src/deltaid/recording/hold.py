@@ -1,18 +1,18 @@
 """Detects torques that drives update at a lower rate and hold in between, and interpolates them.
 
-A held torque is known at its updates only: rows in which it changes, and rows in which it should
-have changed by then. If the log adds noise to each row, updates are every k-th row, and the noise
-of the held rows averages out (`holds` detects both). All rows are interpolated from the two updates
-before and after, which adds no delay.
+A held torque is known at its updates only: in rows in which it changes, or in which an update is
+due. If the log adds noise to each row, updates are every k-th row, and the noise of the held rows
+averages out (`holds` detects both). All rows are interpolated from the two updates before and the
+two after, which adds no delay.
 
-Without added noise, a held torque repeats exactly, and it changes at regular times; repetitions due
-to a coarse unit are irregular. With added noise, a torque held for k rows rises in every k-th row
-only. The rise d of a torque from row to row is regressed on its slope s, from other rows, for rows
-of each phase,
+Without added noise, a held torque repeats exactly and changes at regular times; repetitions due to
+a coarse unit are irregular. With added noise, a torque held for k rows rises in every k-th row
+only. For the rows of each phase r, the rise d of a torque from row to row is regressed on its slope
+s, which other rows determine:
 
     d_n = c_r s_n,    r = n mod k.
 
-All c_r but that of the updates are zero; without a hold they are equal.
+With a hold, all c_r but that of the updates are zero; without a hold, all are equal.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -29,26 +29,26 @@ from deltaid.recording.table import padded, recut
 from deltaid.recording.time.signals import weights_at
 from deltaid.recording.windows import WINDOW
 
-# Updates of a group, fewest groups, and the least share of groups with regular updates.
+# Updates per group, fewest groups, and least share of groups with regular updates.
 _GROUP, _GROUPS, _MOST = 16, 6, 0.8
-# A torque held for fewer rows is late by less than an eighth of one.
+# Shortest hold [rows]: a shorter one delays the torque by less than an eighth of a row.
 _SHORTEST = 1.25
-# Longest hold of a log with noise [s]; prime factors of its rows, of which any hold has one.
+# Longest hold that is searched in a log with noise [s], and prime factors of its number of rows.
 _LONGEST, _PRIMES = 0.012, (2, 3, 5, 7, 11, 13, 17, 19, 23)
-# Share of rows without a step of friction, and of rises of a phase without a jump.
+# Share of rows without a step of friction, and of the rises of a phase without a jump.
 _USUAL = 0.9
 
-Stretch = tuple[np.ndarray, np.ndarray]  # numbers of rows, and a drive's torque
+Stretch = tuple[np.ndarray, np.ndarray]  # row numbers, and a drive's torque in these rows
 
 
 @dataclass(frozen=True)
 class Hold:
-    """How a drive holds its torque.
+    """Hold of a drive's torque between updates.
 
     Attributes:
-        rows: between two updates; 0 if it is not held.
+        rows: number of rows from one update to the next; 0 if the torque is not held.
         phase: row of an update, counted from time 0, modulo `rows`; None if updates are the rows
-            that change.
+            in which the torque changes.
     """
 
     rows: float
@@ -71,9 +71,9 @@ def filled(
     The result does not depend on the blocks.
 
     Args:
-        segment: evenly spaced rows in blocks: `columns`, then a weight a drive.
-        columns: of the rows.
-        hold: of each drive.
+        segment: evenly spaced rows in blocks: `columns`, then one weight per drive.
+        columns: columns of the rows.
+        hold: hold of each drive's torque.
         rate: rows per second.
     """
     margin, drives = 2 * max(held.spread for held in hold) + 1, len(hold)
@@ -85,7 +85,7 @@ def filled(
             if held:
                 place, weight = columns.torque_places.start + i, out.shape[1] - drives + i
                 knots, tau = np.flatnonzero(wide[:, i - drives] > 0), wide[:, place]
-                if held.phase is not None:  # means of an update's rows
+                if held.phase is not None:  # mean of the rows that hold an update
                     sums = np.append(0.0, np.cumsum(tau))
                     ends = np.minimum(np.arange(len(tau)) + round(held.rows), len(tau))
                     tau = (sums[ends] - sums[:-1]) / (ends - np.arange(len(tau)))
@@ -97,7 +97,7 @@ def filled(
 def _interpolated(
     tau: np.ndarray, weight: np.ndarray, knots: np.ndarray, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values at rows, interpolated from knots, and the least weight of these."""
+    """Values that are interpolated at rows from knots, and the least weight of the knots used."""
     first = np.searchsorted(knots, rows, side="right") - TORQUE_SIDE
     inside = (first >= 0) & (first + 2 * TORQUE_SIDE <= len(knots))
     value, least = tau[rows], np.where(inside, weight[rows], 0.0)
@@ -113,7 +113,7 @@ def _with_marks(
     segment: Iterable[Rows], columns: Columns, hold: tuple[Hold, ...], rate: float
 ) -> Iterator[Rows]:
     """Rows with one more column per drive: 1 where its torque is updated."""
-    before, since = None, np.full(len(hold), np.nan)  # no update yet
+    before, since = None, np.full(len(hold), np.nan)  # NaN before the first update
     longest = np.array([max(1, int(np.ceil(held.rows))) for held in hold])
     for rows in segment:
         if not len(rows):
@@ -136,11 +136,11 @@ def row_numbers(rows: Rows, rate: float) -> Int[np.ndarray, " _"]:
 
 
 def holds(stretches: Iterable[Iterable[Rows]], columns: Columns, rate: float) -> tuple[Hold, ...]:
-    """How each drive holds its torque.
+    """Detect how each drive holds its torque.
 
     Args:
-        stretches: of evenly spaced rows in blocks.
-        columns: of the rows.
+        stretches: evenly spaced rows of each stretch, in blocks.
+        columns: columns of the rows.
         rate: rows per second.
     """
     parts = [np.concatenate(list(stretch)) for stretch in stretches]
@@ -157,7 +157,7 @@ def holds(stretches: Iterable[Iterable[Rows]], columns: Columns, rate: float) ->
 
 
 def _exact_period(stretches: Sequence[np.ndarray]) -> float:
-    """Rows between two changes; 0 if these are irregular."""
+    """Mean number of rows between two changes; 0 if changes are irregular."""
     groups = list[np.ndarray]()
     for tau in stretches:
         updates = np.flatnonzero(np.diff(tau) != 0)
@@ -175,7 +175,7 @@ def _exact_period(stretches: Sequence[np.ndarray]) -> float:
 
 
 def _noisy_hold(parts: Sequence[Sequence[Stretch]], longest: int) -> Hold:
-    """The longest hold in which torques rise at updates only."""
+    """Longest hold for which torques rise at updates only."""
     primes = [k for k in _PRIMES if k <= longest]
     first = [k for k in primes if _phase(parts, k) is not None]
     for k in range(longest, 1, -1) if first else ():
@@ -187,7 +187,7 @@ def _noisy_hold(parts: Sequence[Sequence[Stretch]], longest: int) -> Hold:
 def _phase(parts: Sequence[Sequence[Stretch]], k: int) -> int | None:
     """Phase of the updates of a torque that is held for k rows; None if it is not.
 
-    All parts of a recording must have the same phase, which steps of friction do not.
+    Both halves of a recording must have the same phase; steps of friction do not have one.
     """
     phases = {_phase_of(part, k) for part in parts}
     return phases.pop() if len(phases) == 1 else None
@@ -206,7 +206,7 @@ def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
         d = tau[n] - tau[n - 1]
         usual = np.abs(s) <= np.quantile(np.abs(s), _USUAL)
         d, s, r = d[usual], s[usual], numbers[n[usual]] % k
-        # A few jumps that share a phase are no updates.
+        # Limit the rises of all phases, so that a few jumps of one phase do not look like updates.
         most = max(float(np.quantile(np.abs(d[r == phase]), _USUAL)) for phase in np.unique(r))
         usual = np.abs(d) <= most
         d, s, r = d[usual], s[usual], r[usual]

@@ -1,10 +1,10 @@
 """A surveyed log: its contents and faults, and its rows, read again or from memory.
 
-Model errors such as a lag, a friction law or a compliant gear show in a minute of a recording as in
-an hour. So the log is read once more for an excerpt, stretches spread evenly from its beginning to
-its end, and stages that need rows repeatedly use the excerpt.
+A minute of a recording shows model errors such as a lag, a friction law or a compliant gear as well
+as an hour does. So stages that need rows repeatedly use an excerpt: stretches spread evenly over
+the log, which is read once more for them.
 
-Reading text dominates the run time, so rows of a log that is not too long are kept.
+Reading text dominates the run time, so rows of a log that is not too long stay in memory.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -28,14 +28,14 @@ from deltaid.recording.time.signals import longest_hole, segments
 from deltaid.recording.windows import WINDOW
 from deltaid.shown import Shown
 
-# An excerpt: its stretches, fewest windows and seconds together, and most windows; windows that are
-# enough where a signal is compared or a lag determined.
+# Size of an excerpt: number of stretches, fewest windows, fewest seconds, most windows; and the
+# windows that suffice to compare a signal or to determine a lag.
 _STRETCHES, _WINDOWS, SECONDS, MOST_WINDOWS, FEW_WINDOWS = 4, 3, 24.0, 32, 8
-# Least length of a stretch, in lengths of the filter.
+# Least length of a stretch in lengths of the filter, one of which it loses.
 _LONG = 8
-# A log of no more than so many lengths of an excerpt is its own excerpt.
+# A log of up to this many lengths of an excerpt is its own excerpt.
 _WHOLE = 2.0
-# Most numbers that are kept: 128 MiB, two million rows of four drives' positions and torques.
+# Most numbers kept in memory: 128 MiB, two million rows of four drives' positions and torques.
 _MOST_NUMBERS = 1 << 24
 # Longest stretch of stale rows that is bridged [s].
 _HELD = 0.1
@@ -48,9 +48,9 @@ class Excerpt:
     """Evenly spaced rows of a log.
 
     Attributes:
-        columns: of the rows, as in `Log.segments`; weights follow.
-        stretches: without a gap.
-        whole: whether they are the whole log.
+        columns: columns of the rows, as in `Log.segments`; weights follow.
+        stretches: rows without a gap, stretch by stretch.
+        whole: whether the excerpt is the whole log.
     """
 
     columns: Columns
@@ -58,7 +58,7 @@ class Excerpt:
     whole: bool
 
     def read(self, columns: Columns) -> Iterator[Rows]:
-        """The stretches with some of their columns."""
+        """Stretches with these columns and the weights only."""
         held, wanted = self.columns.all, columns.all
         places = [held.index(channel) for channel in wanted]
         for rows in self.stretches:
@@ -67,7 +67,7 @@ class Excerpt:
 
 
 def _cut(segments: Iterable[Iterable[Rows]], starts: Sequence[int], length: int) -> Iterator[Rows]:
-    """Stretches of a length that begin at some rows, cut at ends of segments."""
+    """Stretches of `length` rows from each start, cut at the ends of segments."""
     row = 0
     for segment in segments:
         parts = {start: list[Rows]() for start in starts}
@@ -81,9 +81,9 @@ def _cut(segments: Iterable[Iterable[Rows]], starts: Sequence[int], length: int)
 
 
 def keep_batches(batches: Iterable[Rows], kept: list[Rows], row: int) -> Iterator[tuple[int, Rows]]:
-    """Batches with the numbers of their first rows.
+    """Number batches by their first rows, and copy each to `kept`.
 
-    Each is copied to `kept`, which is emptied if the numbers are too many.
+    `kept` is emptied once the numbers are too many.
     """
     room = _MOST_NUMBERS
     for values in batches:
@@ -103,24 +103,24 @@ class Log(Shown):
 
     Attributes:
         table, columns: the file or table, and its columns by quantity.
-        sha256: checksum, of the file or of the numbers in memory.
+        sha256: checksum of the file, or of the numbers in memory.
         samples: number of rows.
-        clock: times of the rows: missing and doubled rows, jitter.
+        clock: times of the rows, with missing and doubled rows and jitter.
         torque_max: largest |τ| of each drive [N m]; empty without torques.
-        position_noise: standard deviation of each drive's position, steps of the encoder included
-            [rad or m]; 0 if it is not visible.
-        reach: lowest and highest of the platform's coordinates [m].
-        motion_cutoff: low-pass cut-off of the positions by the rule of `SpectrumEstimate.cutoff`
-            [Hz], from the stretches between emergency stops.
-        bandwidth: of the motion, by `SpectrumEstimate.bandwidth` [Hz], from the same.
+        position_noise: standard deviation of each position's noise, encoder steps included [rad or
+            m]; 0 if it is not visible.
+        reach: lowest and highest coordinates of the platform [m].
+        motion_cutoff: low-pass cut-off of positions by `SpectrumEstimate.cutoff` [Hz], between
+            emergency stops.
+        bandwidth: bandwidth of the motion by `SpectrumEstimate.bandwidth` [Hz], between them too.
         masks: rows that are excluded; none if all are kept.
         keep_all: whether nothing is excluded.
         warnings: doubts, with rows and columns.
         other_rate: how a time column contradicts the rate that the mapping states; else empty.
-        kept: its rows as they were read; None if they are too many.
-        held: an excerpt that is read in place of its rows; None for its rows.
-        path: of the log; the name of one in memory.
-        rate: the sampling rate [Hz].
+        kept: rows as they were read; None if they are too many.
+        held: an excerpt that is read in place of all rows; None to read all.
+        path: path of the log, or the name of one in memory.
+        rate: sampling rate [Hz].
         has_derivatives: whether velocities and accelerations are recorded.
     """
 
@@ -157,10 +157,10 @@ class Log(Shown):
     def suggested_cutoff(self) -> float | None:
         """Low-pass cut-off for the rows of a regression [Hz]; None if it is unknown.
 
-        Twice the motion's bandwidth, because torques have products of velocities, and at least 12
-        Hz for the steps of friction; above are mostly noise, play and ringing of gears. No higher
-        than the cut-off of positions, and high enough that the filter's length costs a usual
-        segment a sixteenth of its samples at most.
+        It is twice the motion's bandwidth, because torques have products of velocities, and at
+        least 12 Hz for the steps of friction: higher frequencies are mostly noise, play and ringing
+        of gears. It is high enough that a usual segment loses at most a sixteenth of its samples to
+        the filter, and never above the cut-off of positions.
         """
         if self.motion_cutoff is None or self.bandwidth is None:
             return None
@@ -172,23 +172,24 @@ class Log(Shown):
 
     @cached_property
     def laid(self) -> Clock:
-        """The clock with long stretches of stale rows as holes."""
+        """Clock with long stretches of stale rows as holes."""
         return self.clock.without(as_runs((mask.first, mask.last) for mask in self._stale(True)))
 
     def _stale(self, long: bool) -> list[Mask]:
-        """Stretches of stale rows: long ones, which are holes, or short ones, which are bridged."""
+        """Stretches of stale rows: the long ones, which are holes, or the short ones, which are
+        bridged."""
         stale = (mask for mask in self.masks if mask.reason == "stale rows")
         return [mask for mask in stale if (mask.last - mask.first >= _HELD * self.rate) == long]
 
     def batches(self) -> Iterator[Rows]:
-        """All rows in SI units: columns as in `Columns.all`, then one weight a drive.
+        """All rows in SI units: columns as in `Columns.all`, then one weight per drive.
 
-        A weight between 0 and 1 is that of the drive's torque in the row; a log without torques has
-        none. Short stretches of stale rows are bridged by a smooth motion. Sensors are NaN in rows
-        that do not count.
+        The weight of a drive's torque in a row is between 0 and 1; a log without torques has no
+        weights. Short stretches of stale rows are bridged by a smooth motion. Sensors are NaN in
+        rows that do not count for them.
         """
         spans = [left_out(self.masks, drive) for drive in range(len(self.columns.torque))]
-        # Sensors do not count either where rows or motion are wrong.
+        # Reasons for which rows or motion are wrong, so that sensors do not count either.
         reasons = ("stale rows", "emergency stop", "before a stop", "load changes")
         invalid = left_out(mask for mask in self.masks if mask.reason in reasons)
         row, read = 0, self.kept.read(self.columns) if self.kept else None
@@ -202,21 +203,21 @@ class Log(Shown):
             row += len(block)
 
     def segments(self, cutoff: float | None) -> Iterator[Iterator[Float[np.ndarray, "_ _"]]]:
-        """The samples of each segment, evenly spaced, in blocks; columns as in `batches`.
+        """Evenly spaced samples of each segment in blocks; columns as in `batches`.
 
         Args:
-            cutoff: of the later low-pass [Hz]; holes shorter than it resolves are bridged.
+            cutoff: cut-off of the later low-pass [Hz]; holes that it does not resolve are bridged.
         """
         if self.held is not None:
             return (iter((rows,)) for rows in self.held.read(self.columns))
         return segments(self.batches(), self.laid, self.bridged(cutoff), self.columns)
 
     def excerpt(self, cutoff: float | None, low_pass: LowPass) -> Excerpt:
-        """The excerpt of the log; all of a short one.
+        """Excerpt of the log; the whole log if it is short.
 
         Args:
-            cutoff: as of `segments`.
-            low_pass: the recording's filter, whose length both ends of a stretch lose.
+            cutoff: as in `segments`.
+            low_pass: the recording's filter; each stretch loses its length.
         """
         lost, segments = low_pass.reach, self.segments(cutoff)
         wanted = min(max(_WINDOWS * WINDOW, round(SECONDS * self.rate)), MOST_WINDOWS * WINDOW)
@@ -229,14 +230,14 @@ class Log(Shown):
         return Excerpt(self.columns, tuple(_cut(segments, starts, length)), whole=False)
 
     def bridged(self, cutoff: float | None) -> int:
-        """Most missing rows that are bridged at a cut-off [Hz]; 1 without a filter."""
+        """Largest number of consecutive missing rows that are bridged at a cut-off [Hz]."""
         return longest_hole(self.rate, cutoff) if cutoff else 1
 
     def cut_at(self, cutoff: float | None, shortest: int) -> "Log":
-        """The log with warnings about its holes at a cut-off.
+        """Log with warnings about its holes at a cut-off [Hz].
 
         Args:
-            shortest: least samples of a usable segment.
+            shortest: fewest samples of a usable segment.
 
         Raises:
             RecordingError: no segment is usable.

@@ -19,17 +19,17 @@ SHORT_NAMES: dict[Quantity, str] = {
     "torque": "tau",
 }
 QUANTITIES = tuple(SHORT_NAMES)
-# Quantities that every recording of an identification has: of each drive, and all.
+# Quantities that an identification needs: those of each drive, and all.
 NEEDED_OF_DRIVES: tuple[Quantity, ...] = ("position", "torque")
 NEEDED = ("time", *NEEDED_OF_DRIVES)
 # Default names of the time.
 TIMES = ("t", "time")
-# Allowed units of dates, which have none.
+# Words that are allowed as the unit of dates.
 DATES = ("iso", "datetime")
 
 
 def _numbered(value: object) -> object:
-    """A column's number as its name in a log without header."""
+    """Convert a column's number to its name in a log without header."""
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
@@ -83,15 +83,15 @@ class _Several(Part):
         return self
 
     def names(self, count: int) -> tuple[str, ...]:
-        """Names of so many columns."""
+        """Names of `count` columns, listed or of the array."""
         return self.columns or tuple(f"{self.column}[{i}]" for i in range(count))
 
     def each(self, count: int, where: str, wanted: str, cure: str) -> list[dict[str, Any]]:
-        """The entry of each of so many columns.
+        """Entries of `count` columns, one each.
 
         Args:
-            where, cure: for messages.
-            wanted: what needs so many, for messages.
+            where, cure: place and fix for messages.
+            wanted: reason for this number, for messages.
 
         Raises:
             RecordingError: a list has another length.
@@ -137,7 +137,7 @@ class AllDrives(_Several):
         """One entry per drive.
 
         Raises:
-            RecordingError: a list has not one item per drive.
+            RecordingError: a list does not have one item per drive.
         """
         wanted, cure = f"the robot has {dof} drives", "list one a drive, in order of q"
         return tuple(DriveColumn(**entry) for entry in self.each(dof, where, wanted, cure))
@@ -168,7 +168,7 @@ class TimeColumn(Part):
 
     @property
     def is_absent(self) -> bool:
-        """Whether there is no column, and samples follow one another at the rate."""
+        """Whether the log has no time column, so that the rate determines the times."""
         return self.rate is not None and "column" not in self.model_fields_set
 
     @model_validator(mode="after")
@@ -218,5 +218,5 @@ class SensorColumns(_Several):
     )
 
     def names(self, count: int) -> tuple[str, ...]:
-        """The columns of a sensor with so many channels."""
+        """Names of the columns of a sensor with `count` channels."""
         return (self.column,) if count == 1 and self.column else super().names(count)

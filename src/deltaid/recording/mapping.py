@@ -1,6 +1,6 @@
 """Mappings: columns of a log by quantity, with their units.
 
-A mapping is declared by the user, or proposed, with reasons and doubts for each quantity.
+The user declares a mapping, or it is proposed with reasons and doubts for each quantity.
 """
 
 from collections.abc import Mapping, Sequence
@@ -67,11 +67,11 @@ class ColumnMapping(Shown, Part):
 
     @property
     def source(self) -> str:
-        """Its file, for messages."""
+        """Name of the mapping's file, for messages."""
         return self._source
 
     def known_as(self, source: str) -> "ColumnMapping":
-        """The mapping with the name of its file."""
+        """Copy of the mapping with the name of its file."""
         mapping = self.model_copy()
         mapping._source = source
         return mapping
@@ -83,7 +83,7 @@ class ColumnMapping(Shown, Part):
 
     @property
     def needed(self) -> tuple[tuple[str, ...], ...]:
-        """Alternative names of time and positions, of which a header has one each."""
+        """Possible names of the time and of each position; a header has one of each."""
         given = self.position
         all_at_once = isinstance(given, AllDrives)
         names = given.names(1) if all_at_once else [c.column for c in given or ()]
@@ -102,18 +102,21 @@ class ColumnMapping(Shown, Part):
         return self
 
 
-# A mapping, by value, as a dictionary of the same keys, or the file of one.
+# A mapping, a dictionary with its keys, or the path of its file.
 MappingLike = ColumnMapping | Mapping[str, Any] | str | Path
-# One for all recordings, or one each in their order; None for the default names.
+# One mapping for all recordings, or one each in their order; None for the default names.
 ColumnMappings = MappingLike | Sequence[MappingLike | None] | None
 
 
 def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping | None]:
-    """The mapping of each recording.
+    """Mapping of each recording; None for the default names.
+
+    Args:
+        recordings: number of recordings.
 
     Raises:
-        RecordingError: their number differs from that of recordings, or one is no mapping.
-        DescriptionError: a file does not fit.
+        RecordingError: the number of mappings is wrong, or one is no mapping.
+        DescriptionError: a file or a dictionary is invalid.
     """
     each = columns if isinstance(columns, Sequence) and not isinstance(columns, str) else [columns]
     mappings = [as_mapping(mapping) for mapping in each] or [None]
@@ -128,11 +131,11 @@ def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping
 
 
 def as_mapping(columns: object) -> ColumnMapping | None:
-    """A mapping by value, dictionary or file; None for the default names.
+    """Convert a dictionary or a file to a mapping; None stands for the default names.
 
     Raises:
-        RecordingError: it is none of these.
-        DescriptionError: the file or the dictionary does not fit.
+        RecordingError: `columns` is of another type.
+        DescriptionError: the file or the dictionary is invalid.
     """
     if columns is None or isinstance(columns, ColumnMapping):
         return columns
@@ -152,21 +155,21 @@ def load_mapping(path: str | Path) -> ColumnMapping:
     """Read a mapping file.
 
     Raises:
-        DescriptionError: the file does not fit.
+        DescriptionError: the file cannot be read or is invalid.
     """
     return load_yaml(Path(path), ColumnMapping).known_as(str(path))
 
 
 @dataclass(frozen=True)
 class FoundColumns:
-    """The columns of one quantity.
+    """Proposed columns of one quantity.
 
     Attributes:
         quantity: time, position, velocity, acceleration or torque.
-        columns: one per drive, or one of the time.
-        units: one per column; empty if none can be proposed.
-        reasons: for these columns and units.
-        doubts: about the columns.
+        columns: addresses of the columns, one per drive, or one for the time.
+        units: one unit per column; empty text if none can be proposed.
+        reasons: reasons for these columns and units.
+        doubts: doubts about the columns.
         assumed: why the unit is a guess; empty if it is certain.
     """
 
@@ -179,24 +182,24 @@ class FoundColumns:
 
     @property
     def unit(self) -> str:
-        """The unit of all columns; empty if none can be proposed, or they differ."""
+        """Unit of all columns; empty if none can be proposed, or if units differ."""
         return self.units[0] if len({*self.units}) == 1 else ""
 
     @property
     def open_questions(self) -> tuple[str, ...]:
-        """All doubts; empty if it is certain."""
+        """All doubts; empty if columns and units are certain."""
         return (*self.doubts, self.assumed) if self.assumed else self.doubts
 
 
 @dataclass(frozen=True)
 class MappingProposal:
-    """A proposed mapping.
+    """Proposed mapping with reasons and doubts.
 
     Attributes:
-        data: content of its file.
+        data: content of the mapping's file.
         found: columns of each quantity, with reasons and doubts.
         missing: needed quantities, units or torque_constant that were not found.
-        warnings: about the file's layout.
+        warnings: warnings about the layout of the recording.
     """
 
     data: dict[str, Any]
@@ -220,17 +223,17 @@ class MappingProposal:
 
     @property
     def complete(self) -> bool:
-        """Whether it has all that a check needs."""
+        """Whether all needed quantities and units were found."""
         return not self.missing
 
     @property
     def certain(self) -> bool:
-        """Whether it is complete and without doubts."""
+        """Whether the proposal is complete and has no doubts."""
         return self.complete and not self.doubts
 
     @property
     def mapping(self) -> ColumnMapping:
-        """The mapping, to be given as `columns=`.
+        """Mapping to give as `columns=`.
 
         Raises:
             DescriptionError: a needed quantity or unit was not found.
@@ -238,7 +241,7 @@ class MappingProposal:
         return ColumnMapping.from_dict(self.data, "proposed columns").known_as("proposed columns")
 
     def save(self, path: str | Path) -> None:
-        """Write it as a mapping file.
+        """Write the proposal as a mapping file.
 
         Raises:
             RecordingError: a needed quantity or unit was not found.
@@ -260,9 +263,9 @@ class Known:
     """Properties of columns that the user states.
 
     Attributes:
-        units: by quantity.
+        units: units by quantity.
         gear: motor revolutions per joint revolution; None if columns are of the joints.
-        torque_constant: N m per A at the motor, for currents.
+        torque_constant: torque constant at the motor [N m/A], for currents.
     """
 
     units: Mapping[str, str] = field(default_factory=dict[str, str])
@@ -271,7 +274,7 @@ class Known:
 
 
 def as_words(mapping: ColumnMapping) -> str:
-    """A proposed mapping in words: 'columns are found: time t [s]; position a, b, c [deg]'."""
+    """Proposed mapping in words: 'columns are found: time t [s]; position a, b, c [deg]'."""
     parts = [f"time {mapping.time.column} [{mapping.time.unit}]"]
     for quantity in QUANTITIES:
         if drives := getattr(mapping, quantity) or ():

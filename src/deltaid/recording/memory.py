@@ -31,7 +31,7 @@ from deltaid.shown import Plotted, Shown, Tabled
 
 @runtime_checkable
 class PandasTable(Protocol):
-    """The interface of a `pandas.DataFrame` that is used; pandas itself is not needed."""
+    """The part of a `pandas.DataFrame` that is used; pandas itself is not needed."""
 
     @property
     def columns(self) -> Any: ...
@@ -43,15 +43,15 @@ class PandasTable(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Shown, Plotted, Tabled):
-    """A recording in memory, which can be given in place of a log file.
+    """A recording in memory, which can replace a log file.
 
-    Made by `Recording.from_arrays`, or by `Recording.from_table` to name a table. It is the raw
-    data; `Identification.recordings` are checked logs with their filters
+    `Recording.from_arrays` makes one from arrays, `Recording.from_table` from a table with a name.
+    It is raw data; `Identification.recordings` are checked logs with their filters
     (`deltaid.recording.recording.PreparedRecording`).
 
     Attributes:
         table: the numbers.
-        mapping: their units, if declared with them; else the mapping of the call holds.
+        mapping: units, if given with the arrays; else the mapping of the call applies.
         drives: number of drives of the arrays; None for a table.
     """
 
@@ -64,10 +64,10 @@ class Recording(Shown, Plotted, Tabled):
 
     @classmethod
     def from_table(cls, table: "TableLike", *, name: str = "table") -> "Recording":
-        """A table under a name for messages and reports.
+        """Recording from a table, with a name for messages and reports.
 
-        Columns are named as in a log file: t, q1…, tau1…, or as the mapping says. A lazy table is
-        computed; the columns of a pandas table are copied, and its index where it has a name or
+        Columns are named as in a log file: t, q1…, tau1…, or as the mapping states. A lazy table is
+        computed. The columns of a pandas table are copied, and its index if that has a name or
         holds times. A dictionary of arrays or a structured array of NumPy is a table too; columns
         of an array such as q of shape (samples, drives) are q[0], q[1], ….
 
@@ -103,10 +103,10 @@ class Recording(Shown, Plotted, Tabled):
         extra: Mapping[str, ArrayLike] | None = None,
         name: str = "arrays",
     ) -> "Recording":
-        """A recording from arrays, which are copied.
+        """Recording from arrays, which are copied.
 
-        Units are written as in a mapping file, such as "deg", "rpm", "mN*m" or, per mille of
-        23.5 N m, "0.0235 N*m": one for all drives or a sequence with one a drive. Without them
+        Units are written as in a mapping file, such as "deg", "rpm", "mN*m" or, for per mille of
+        23.5 N m, "0.0235 N*m": one for all drives, or a sequence of one per drive. By default
         numbers are in s and rad, rad/s, rad/s², N m at the joint, or m, m/s, m/s², N.
 
         Args:
@@ -114,11 +114,11 @@ class Recording(Shown, Plotted, Tabled):
             qd: velocities, the same shape.
             qdd: accelerations, the same shape.
             tau: torques or forces, the same shape.
-            t: time, (samples,); or
-            rate: the sampling rate in its place [Hz].
-            extra: extra columns, such as the state of a gripper, by the names in a mapping,
-                (samples,) each; of a sensor by its name, (samples, channels).
-            name: of the recording, for messages and reports.
+            t: time, (samples,).
+            rate: sampling rate [Hz], in place of t.
+            extra: extra columns by the names in a mapping, such as the state of a gripper,
+                (samples,); or the channels of a sensor by its name, (samples, channels).
+            name: name of the recording, for messages and reports.
 
         Raises:
             RecordingError: shapes do not fit, an array holds no numbers, or neither or both of t
@@ -141,17 +141,20 @@ class Recording(Shown, Plotted, Tabled):
         return cls(_table(frame, name), mapping_of(units, unit_t, arrays, name), drives)
 
 
-# A table of polars or pandas, a dictionary of arrays, a structured array of NumPy.
+# A table of polars or pandas, a dictionary of arrays, or a structured array of NumPy.
 TableLike = pl.DataFrame | pl.LazyFrame | PandasTable | Mapping[str, Any] | np.ndarray
 RecordingLike = str | Path | TableLike | Recording
 
 
 def as_source(given: object, name: str = "table") -> Path | Recording:
-    """The source of a recording: a path, or a recording in memory; `name` is that of a table.
+    """Source of a recording: a path, or a recording in memory.
+
+    Args:
+        name: name for a table.
 
     Raises:
-        RecordingError: it is no recording.
-        DeltaidError: the process has lost its threads, as of `require_threads`.
+        RecordingError: `given` is no recording.
+        DeltaidError: the process has lost its threads (`require_threads`).
     """
     require_threads()
     if isinstance(given, Recording):
@@ -174,7 +177,7 @@ def as_sources(given: object) -> list[Path | Recording]:
     """Sources of one or several recordings; tables of a sequence are numbered.
 
     Raises:
-        RecordingError: as `as_source`.
+        RecordingError: one of them is no recording.
     """
     if not isinstance(given, Sequence) or isinstance(given, str):
         return [as_source(given)]
@@ -205,7 +208,7 @@ def _from_pandas(table: PandasTable, name: str) -> pl.DataFrame:
 
 
 def _index_name(table: PandasTable) -> str:
-    """Under which name the index is a column: its own, or that of the time; empty for none."""
+    """Name of the index as a column: its own, or t if it holds times; empty if it is no column."""
     index, names = table.index, {*map(str, table.columns)}
     if index.name is not None:
         return str(index.name)

@@ -1,4 +1,4 @@
-"""Opens recordings: every row is read and checked before anything is computed from it."""
+"""Opens recordings: reads and checks every row before anything is computed from it."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -31,8 +31,7 @@ from deltaid.recording.time.study import study
 from deltaid.recording.units import si_factor, time_unit
 from deltaid.robot.sensors import channels_of
 
-# Cause and fix of a stated rate that a time column contradicts, and largest difference of equal
-# ones: more than a clock's error, less than one row of ten that is not logged.
+# Cause and fix of a stated rate that a time column contradicts.
 OTHER_RATE = "the rate is that of another recording, or only some of its rows were logged"
 NO_RATE = "leave `rate` out of the mapping, so that the column is the time, unless that is wrong"
 # Cause and fix of columns of more drives than the robot has.
@@ -52,21 +51,22 @@ def open_log(
     keep_all: bool = False,
     need_rest: bool = True,
 ) -> Log:
-    """Survey a recording: read every row once and check it, before anything is computed from it.
+    """Survey a recording: read and check every row once, before anything is computed from it.
 
     Args:
         source: a file of any kind in `FORMATS`, or a recording in memory.
-        kinematics: of the robot that was recorded.
-        mapping: names and units of the columns, if not the default ones; arrays with units keep
-            theirs.
-        need_torque: if false, the log may be a planned motion, and torque columns are not read.
+        kinematics: kinematics of the recorded robot.
+        mapping: names and units of the columns, if they are not the default ones; arrays with units
+            keep theirs.
+        need_torque: whether torques are needed; if not, the log may be a planned motion, and its
+            torques are not read.
         keep_all: whether no rows are excluded (`masks`).
-        need_rest: whether a log with hardly any rows left is refused.
+        need_rest: whether to refuse a log of which hardly any rows remain.
 
     Raises:
-        RecordingError: a column is missing; a value is missing or not finite; time runs backwards
-            or has gaps; a torque is constant; angles look like degrees; velocities are not the
-            positions' derivatives; a sample is out of reach.
+        RecordingError: a column is missing; a value is missing or not finite; a column is no time;
+            a torque is constant; angles look like degrees; velocities are not the derivatives of
+            positions; a sample is out of reach.
     """
     table, columns, mapping = resolved_table(source, kinematics, mapping)
     if not need_torque:
@@ -119,7 +119,7 @@ def open_log(
 
 def _contradicted_rate(table: LogTable, columns: Columns) -> str:
     """How a time column contradicts the rate that a mapping states in its place; empty if it does
-    not, or if its unit is open.
+    not, or if its unit is unknown.
 
     Raises:
         RecordingError: the recording cannot be read.
@@ -146,13 +146,13 @@ def _contradicted_rate(table: LogTable, columns: Columns) -> str:
 def resolved_table(
     source: RecordingLike, kinematics: Kinematics, mapping: ColumnMapping | None = None
 ) -> tuple[LogTable, Columns, ColumnMapping]:
-    """A recording's table, its columns by quantity, and the mapping that determines them.
+    """Table of a recording, its columns by quantity, and the mapping that determines them.
 
-    Without a mapping and default names, a certain proposal is used, and the table's warnings report
-    it.
+    Without a mapping and without default names, a proposal that is certain is used, which the
+    table's warnings report.
 
     Raises:
-        RecordingError: it cannot be read, or a column is missing.
+        RecordingError: the recording cannot be read, or a column is missing.
     """
     is_given, mapping, source = mapping is not None, mapping or ColumnMapping(), as_source(source)
     if isinstance(source, Recording):
@@ -185,10 +185,10 @@ def resolved_table(
 def _proposed(
     table: LogTable, linear: tuple[bool, ...], error: RecordingError
 ) -> tuple[LogTable, ColumnMapping]:
-    """The table with a warning, and a proposed mapping that is certain.
+    """Table with a warning, and its proposed mapping, which is certain.
 
     Raises:
-        RecordingError: there is no proposal, or it is in doubt.
+        RecordingError: the proposal lacks columns or has doubts.
     """
     proposal = proposal_for(table, linear)
     if proposal.doubts or {*proposal.missing} - {"torque"}:
@@ -205,8 +205,8 @@ def _proposed(
 
 
 def _with_cutoff_between_stops(log: Log) -> Log:
-    """The log with a cut-off from the stretches between emergency stops, whose jerk is no
-    motion."""
+    """Log with cut-off, bandwidth and noise from between emergency stops, whose jerk is no part of
+    the motion."""
     stops = tuple(mask for mask in log.masks if mask.reason == "emergency stop")
     if not stops:
         return log
@@ -227,8 +227,8 @@ def _with_cutoff_between_stops(log: Log) -> Log:
 
 
 def _clock(survey: Survey) -> Clock:
-    """The clock of a surveyed log; if rows are not steady, neighbours are compared again by
-    segment."""
+    """Clock of a surveyed log; if rows are not steady, checks of neighbouring rows are repeated
+    segment by segment."""
     survey.clock.require_time()
     if survey.clock.steady:
         return survey.clock.clock
@@ -240,7 +240,7 @@ def _clock(survey: Survey) -> Clock:
     clock = study(read_batches(table, columns), dof)
     require_rate(table, columns.time.column, clock.rate, differentiated=False)
     survey.begin_again()
-    longest = longest_hole(clock.rate, 1 / STRETCH)  # until the cut-off is known
+    longest = longest_hole(clock.rate, 1 / STRETCH)  # the cut-off is not known yet
     for segment in segments(read_batches(table, columns), clock, longest, columns):
         survey.add_even(segment)
     return clock

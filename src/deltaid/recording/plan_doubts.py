@@ -1,5 +1,5 @@
-"""Doubts about planned motions: rows without results at ends, and accelerations that the filter
-takes."""
+"""Doubts about planned motions: rows without results at the ends, and accelerations that the
+filter removes."""
 
 import numpy as np
 from scipy.special import ndtri
@@ -9,13 +9,13 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.planned import UNSURE
 from deltaid.recording.recording import PreparedRecording
 
-# Weights of a second difference, and windows in which the filter's are inspected.
+# Weights of a second difference, and number of windows in which differences are compared.
 _SECOND, _WINDOWS = (1.0, -2.0, 1.0), 4
 _TINY = np.finfo(float).tiny
 
 
 def unknown_ends(recording: PreparedRecording, quantity: str, cure: str) -> list[str]:
-    """A warning about the rows at ends for which nothing is computed; none if there are none."""
+    """Warning about rows at the ends for which nothing is computed; empty without such rows."""
     first, last = recording.without
     spans = [f"the first {first}"] * bool(first) + [f"the last {last}"] * bool(last)
     if not spans:
@@ -28,10 +28,10 @@ def unknown_ends(recording: PreparedRecording, quantity: str, cure: str) -> list
 
 
 def smoothed_away(recording: PreparedRecording, kinematics: Kinematics) -> list[str]:
-    """A warning where the filter takes a part of a plan's accelerations, by second differences of
-    some windows; none where noise of positions hides it.
+    """Warning if the filter removes a part of a plan's accelerations, by second differences in some
+    windows; empty if not, or if noise of positions hides it.
 
-    The noise is at most that of positions, and at most that of most differences: a jump makes few.
+    The noise is estimated by that of positions or by the median difference, whichever is smaller.
     """
     low_pass, log = recording.low_pass, recording.log
     if low_pass is None:

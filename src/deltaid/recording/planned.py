@@ -1,7 +1,7 @@
-"""Extends planned motions of positions beyond their ends, so that filters lose no rows.
+"""Extends planned motions beyond their ends, so that filters over positions lose no rows.
 
-A plan that rests at an end rests beyond it, and a periodic one repeats; rows are added there.
-Beyond an end at which the plan moves nothing is known, and the filter's length is lost.
+Beyond an end at rest a plan rests, and a periodic plan repeats, so rows are added there. Beyond an
+end at which the plan moves, the motion is unknown, and the filter's length is lost.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,19 +27,20 @@ from deltaid.recording.windows import SampleBlock, Window
 Drives = Float[np.ndarray, " drives"]
 End = Literal["first", "last"]
 
-# Rows at an end that are inspected.
+# Number of rows that are inspected at each end.
 _ROWS = SEGMENT // 2
-# Standard deviations of the speed at an end are this share of the plan's largest at most: an error
-# of the torque of a few percent.
+# Largest error of a speed or acceleration that is accepted, as a share of its largest or rms value:
+# it changes torques by a few percent.
 UNSURE = 0.1
 
 
 @dataclass(frozen=True)
 class PlanEnds:
-    """The rows at both ends of a plan, columns as in `Log.batches`.
+    """Rows at both ends of a plan, columns as in `Log.batches`.
 
     Attributes:
-        head, tail: its first and last rows, up to `_ROWS` or as many as the filter needs.
+        log: the plan.
+        head, tail: first and last rows, as many as are inspected or the filter needs.
         speed: largest speed of each drive [rad/s or m/s].
     """
 
@@ -49,7 +50,8 @@ class PlanEnds:
     speed: Drives
 
     def beyond(self, end: End, count: int, period: int) -> Rows:
-        """Rows beyond an end of a plan that repeats after `period` rows, or rests if that is 0."""
+        """`count` rows beyond an end of a plan that repeats after `period` rows, or rests if that
+        is 0."""
         c, rate, ahead = self.log.columns, self.log.rate, end == "first"
         places = np.arange(-count, 0) if ahead else self.log.samples + np.arange(count)
         edge, row = (self.head[0], 0) if ahead else (self.tail[-1], self.log.samples - 1)
@@ -65,7 +67,7 @@ class PlanEnds:
 
     @property
     def noise(self) -> Drives:
-        """Standard deviation of positions, steps of their digits included [rad or m]."""
+        """Standard deviation of positions, including the steps of their digits [rad or m]."""
         step = spectrum_of(self.positions(np.vstack([self.head, self.tail]))).step
         step = np.where(np.isfinite(step), step, 0.0)
         return np.maximum(step / np.sqrt(12), self.log.position_noise)
@@ -74,10 +76,8 @@ class PlanEnds:
         return rows[:, 1 : 1 + len(self.log.columns.position)]
 
     def state(self, end: End, cutoff: float) -> tuple[Drives, Drives, Drives]:
-        """Position and speed at an end, and the speed's standard deviation.
-
-        A least-squares cubic over half a period of the cut-off [Hz].
-        """
+        """Position and speed at an end, and the standard deviation of the speed, by a
+        least-squares cubic over half a period of the cut-off [Hz]."""
         c, rate = self.log.columns, self.log.rate
         rows = self.head if end == "first" else self.tail[::-1]
         q = self.positions(rows)
@@ -92,8 +92,8 @@ class PlanEnds:
     def rests(self, end: End, cutoff: float) -> bool:
         """Whether no drive moves at an end."""
         _, speed, spread = self.state(end, cutoff)
-        # A parabola through three rows of a smooth start turns round behind its end, also where
-        # rows are too far apart for a cubic.
+        # Where the parabola through the three rows at the end reverses, the motion starts from
+        # rest, even if rows are too far apart for a cubic.
         rows = self.positions(self.head if end == "first" else self.tail[::-1])
         first, second = np.diff(rows[:3], axis=0) * self.log.rate
         speed = np.minimum(
@@ -103,7 +103,7 @@ class PlanEnds:
         return not np.any((speed > limit) & (self.speed > 0))
 
     def period(self, cutoff: float) -> int:
-        """Rows of a period: the plan's last row equals the first one, or the next row would.
+        """Number of rows of a period: the last row equals the first one, or the next row would.
 
         Raises:
             RecordingError: the plan is not periodic.
@@ -135,18 +135,18 @@ class PlanEnds:
 
 
 def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) -> PreparedRecording:
-    """A planned motion with its filter over positions, and rows beyond its ends.
+    """Planned motion with its filter over positions, and with rows beyond its ends.
 
-    Torques are not filtered: there is one row for each row of the plan that the filter reaches.
+    Torques are not filtered: each row of the plan that the filter reaches gives one sample.
 
     Args:
-        log: of steady rows, else nothing is added beyond its ends.
+        log: the plan; without steady rows, no rows are added beyond its ends.
         cutoff: least cut-off [Hz], as far as the rate allows it.
         periodic: whether the plan repeats.
 
     Raises:
-        RecordingError: its ends do not fit a period, or it is too short for the filter and does
-            not rest at both ends.
+        RecordingError: the ends do not fit a period, or the plan is too short for the filter and
+            does not rest at both ends.
     """
     if log.has_derivatives and cutoff is None:
         return with_filter(log)
@@ -161,7 +161,7 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
         return replace(recording, low_pass=_only_motion(recording.filter))
     least = min(max(cutoff or 0.0, log.motion_cutoff or 0.0), HIGHEST * log.rate)
     ends = _ends(log, _ROWS + 1)
-    # A plan too short for a spectrum is judged as the fastest motion.
+    # A plan that is too short for a spectrum counts as the fastest motion.
     judged = max(cutoff or 0.0, log.motion_cutoff or HIGHEST * log.rate)
     period = ends.period(judged) if periodic else 0
     rests = [not periodic and ends.rests(end, judged) for end in ("first", "last")]
@@ -184,7 +184,7 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
 def motion_of(recording: PreparedRecording, kinematics: Kinematics) -> Iterator[SampleBlock]:
     """Samples along a plan, part by part, without the rows that were added beyond its end.
 
-    Drives that rest have no speed.
+    The speed of resting drives is 0.
     """
     left = recording.log.samples - sum(recording.without)
     for samples in recording.evaluate(kinematics, stilled(recording)):
@@ -194,10 +194,10 @@ def motion_of(recording: PreparedRecording, kinematics: Kinematics) -> Iterator[
 
 
 def stilled(recording: PreparedRecording) -> Callable[[Window], SampleBlock]:
-    """Own samples of a window, in which drives that rest have no speed.
+    """Function that returns the own samples of a window, with zero speed of resting drives.
 
-    Else the sign of the speed, and so friction, would follow rounding and steps of positions, and
-    at an end at rest what the filter takes from the motion beside it.
+    Otherwise the sign of the speed, and so friction, would follow rounding and steps of positions,
+    and at an end at rest the filtered motion nearby.
     """
     still, last = _still_speed(recording), recording.log.samples - 1
     ends = [row for row, rows in ((0, recording.before), (last, recording.after)) if _rest(rows)]
@@ -211,12 +211,12 @@ def stilled(recording: PreparedRecording) -> Callable[[Window], SampleBlock]:
 
 
 def _rest(rows: tuple[Rows, ...]) -> bool:
-    """Whether a plan goes on at rest in rows beyond an end."""
+    """Whether a plan rests in the rows beyond an end."""
     return bool(rows) and not np.ptp(rows[0][:, 1:], axis=0).any()
 
 
 def _still_speed(recording: PreparedRecording) -> Drives:
-    """Speed of each drive below which it counts as resting."""
+    """Speed of each drive below which it counts as resting [rad/s or m/s]."""
     low_pass, log = recording.filter, recording.log
     ends = _ends(log, _ROWS + 1)
     largest = np.abs(ends.positions(np.vstack([ends.head, ends.tail]))).max(axis=0)
@@ -255,7 +255,7 @@ def _ends(log: Log, count: int) -> PlanEnds:
 
 
 def _stretches(ends: PlanEnds, period: int, rests: list[bool]) -> list[Rows]:
-    """Rows about each end with a known continuation, half of them beyond it."""
+    """Rows around each end with a known continuation, half of them beyond it."""
     before, after = (bool(period) or rest for rest in rests)
     if before and after and ends.log.samples < _ROWS:  # a short plan is the middle of one stretch
         half = _ROWS - ends.log.samples // 2

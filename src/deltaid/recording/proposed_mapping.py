@@ -1,7 +1,7 @@
-"""Proposes a mapping for a foreign recording, by names, units in names, and numbers.
+"""Proposes a mapping for a recording without default names, by names, units in names, and numbers.
 
-Each quantity has reasons and doubts. Without a mapping, only a proposal without doubts is used; any
-other is shown, and the user may write it to a file.
+Each quantity has reasons and doubts. Without a mapping, a proposal is used only if it has no
+doubts; any other is shown, and the user may write it to a file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,13 +24,13 @@ from deltaid.recording.units import (
     time_unit,
 )
 
-# A carriage hardly travels 10 m; numbers of millimetres mostly exceed that.
+# Largest position of a carriage [m]: numbers in millimetres mostly exceed it.
 MOST_METRES = 10.0
-# No arm turns further than once; numbers of degrees mostly exceed that.
+# Largest position of an arm is one turn [rad]: numbers in degrees mostly exceed it.
 _DEGREES = ("deg", 2 * np.pi, "degrees")
-# Drives of a parallel robot at most.
+# Largest number of drives of a parallel robot.
 _MOST_DRIVES = 8
-# Columns that one array may hold: the time and all quantities of all drives; wider ones are images.
+# Most columns of one array: the time and all quantities of all drives; wider ones are images.
 _WIDEST = 1 + len(QUANTITIES) * _MOST_DRIVES
 _RATES = {"velocity": "/s", "acceleration": "/s^2"}
 
@@ -40,11 +40,11 @@ class Column:
     """One column of a recording.
 
     Attributes:
-        address: its name in a mapping.
-        unit: as the file states it; empty if it does not.
-        low, high: range of its numbers; None if unknown.
-        is_date: whether it holds dates.
-        start: its first numbers; None if unknown.
+        address: name of the column in a mapping.
+        unit: unit as the file states it; empty if it states none.
+        low, high: range of the numbers; None if unknown.
+        is_date: whether the column holds dates.
+        start: first numbers; None if unknown.
     """
 
     address: str
@@ -60,7 +60,7 @@ class Column:
 
 
 def addresses(fields: Sequence[RecordedField], units: Mapping[str, str]) -> list[Column]:
-    """All columns that a mapping may name, with each column of an array."""
+    """All columns that a mapping may name, including each column of an array."""
     columns: list[Column] = []
     for entry in fields:
         if entry.holds:
@@ -89,11 +89,11 @@ def count_drives(columns: Sequence[Column]) -> int:
 def proposed_mapping(
     columns: Sequence[Column], linear: Sequence[bool], known: Known | None = None
 ) -> MappingProposal:
-    """The mapping proposed by names, units and numbers.
+    """Propose a mapping by names, units and numbers.
 
     Args:
-        columns: of the recording, in its order.
-        linear: for each drive whether it slides.
+        columns: columns of the recording in order.
+        linear: whether each drive slides.
         known: units, gear and torque constant that the user states.
     """
     known, candidates = known or Known(), _candidates(columns, len(linear))
@@ -109,7 +109,7 @@ def proposed_mapping(
         kind_of(unit) == "current" for unit in (parts["torque"].units if "torque" in parts else ())
     ):
         missing.append("torque_constant")
-    # Velocities and accelerations follow from positions.
+    # Velocities and accelerations without a unit are dropped: they follow from positions.
     parts = {name: part for name, part in parts.items() if name in NEEDED or all(part.units)}
     data = {name: _entries(part, columns, known) for name, part in parts.items()}
     return MappingProposal(data, tuple(parts.values()), tuple(missing))
@@ -137,8 +137,7 @@ def _are_constant(columns: Sequence[Column]) -> bool:
 
 
 def _time(columns: Sequence[Column], known: Known) -> FoundColumns | None:
-    """The time: a column whose name says so and whose numbers grow, in the unit that its steps
-    fit."""
+    """Time: a column with a name for it and growing numbers, in the unit that fits its steps."""
     readings = [(column, read_name(column.address)) for column in columns]
     named = [
         (column, reading)
@@ -231,9 +230,9 @@ def _by_size(
     slides: bool,
     is_default: bool,
 ) -> tuple[str, str]:
-    """The unit assumed if none is stated, and the doubt; empty where default names settle it."""
+    """Unit to assume if none is stated, and the doubt, which is empty for default names."""
     ends = [max(abs(column.low or 0.0), abs(column.high or 0.0)) for column in members]
-    # A shaft may turn several times, but the arms beside it do not.
+    # With default names, the drive of a telescope may turn several times, but the arms do not.
     largest = min(ends) if is_default else max(ends)
     if reading.quantity == "current":
         return "A", "ampere are assumed, for no unit is stated"
@@ -260,7 +259,7 @@ def _are_whole(columns: Sequence[Column]) -> bool:
 def _settle_units(
     parts: dict[str, FoundColumns], columns: Sequence[Column], linear: Sequence[bool]
 ) -> None:
-    """Settle units that follow from velocities being derivatives of positions."""
+    """Settle units by the fact that velocities are the derivatives of positions."""
     by_name = {column.address: column for column in columns}
     time, place = parts.get("time"), parts.get("position")
     for quantity, per in _RATES.items():
@@ -294,7 +293,7 @@ def _settle_units(
 
 
 def _entries(part: FoundColumns, columns: Sequence[Column], known: Known) -> Any:
-    """Entries of a quantity in a mapping file: one per drive, or one of the time."""
+    """Entries of a quantity in a mapping file: one per drive, or one for the time."""
 
     def entry(name: str, unit: str, **of_motor: float | None) -> dict[str, Any]:
         given = {"column": name, "unit": unit or None, **of_motor}

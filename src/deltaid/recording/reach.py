@@ -1,6 +1,6 @@
 """Checks that a recording stays within reach of the limbs: poses, singularities, branch, workspace.
 
-A motion on one branch of the forward kinematics crosses no singularity.
+A motion that stays on one branch of the forward kinematics crosses no singularity.
 """
 
 from collections.abc import Iterator
@@ -16,13 +16,13 @@ from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passage
 from deltaid.recording.columns import Columns
 from deltaid.recording.source import LogTable
 
-# Consecutive rows that a passage from branch to branch shows in: two before it, two after.
+# Consecutive rows that reveal a passage from branch to branch: two before it, two after it.
 _PASSAGE = 4
-# A step of the platform so many times longer than the drives' step explains is a jump; the least
+# Ratio of a platform's step to the step that the drives explain above which it is a jump; and least
 # step of drives that counts, the resolution of an encoder [rad or m].
 _JUMP, _STILL = 10.0, 1e-6
-# Condition number of J beyond which a robot without a closed form may have changed its branch
-# unnoticed: steps δ of an encoder turn the zero of 1/cond at a passage into about √δ.
+# Condition number of J above which a robot without a closed form may have changed its branch
+# unnoticed: due to steps δ of an encoder, 1/cond is about √δ at a passage instead of zero.
 _LOST = 200.0
 _KEEP_AWAY = (
     "check zero and sign of the drives and the robot's lengths; a robot that does this cannot be "
@@ -58,7 +58,7 @@ class ReachCheck:
     """Running state of the check. Add all batches in order.
 
     Attributes:
-        nearest, farthest: lowest and highest of the platform's coordinates so far [m].
+        nearest, farthest: lowest and highest coordinates of the platform so far [m].
     """
 
     def __init__(self, table: LogTable, columns: Columns, kinematics: Kinematics) -> None:
@@ -78,12 +78,12 @@ class ReachCheck:
         """Check consecutive rows.
 
         Args:
-            good: which of the poses exist.
+            good: whether the pose of each row exists.
             row: number of the first row.
             apart: rows at which time jumps.
 
         Raises:
-            RecordingError: with the first impossible row.
+            RecordingError: names the first impossible row.
         """
         time, q, worst = stretch.time, stretch.q, stretch.regular.worst
         if not good.all():
@@ -171,18 +171,19 @@ class ReachCheck:
 
 @dataclass
 class BranchCheck:
-    """Running check of consecutive samples."""
+    """Running check that consecutive samples stay on one branch."""
 
     kinematics: Kinematics
     carried: Stretch | None = None
 
     def add(self, stretch: Stretch) -> tuple[int, str] | None:
-        """The first sample on another branch than the one before it, with a reason.
+        """Index of the first sample on another branch than the sample before it, with a reason;
+        None without one.
 
-        With T = J⁻¹ a step Δq moves the platform by about T Δq. If the determinant of J changes its
-        sign between two samples, it was zero in between. Without a change of sign, z(q) may turn
-        back where the robot went on (`passages`), or near a singular J. Samples are counted from
-        the first one of this call; the index is negative for earlier ones.
+        With T = J⁻¹, a step Δq moves the platform by about T Δq. If the determinant of J changes
+        its sign between two samples, it was zero in between. Without a change of sign, z(q) may
+        turn back where the robot went on (`passages`), or do so near a singular J. The index counts
+        from the first sample of this call; it is negative for earlier samples.
         """
         before, mechanism = self.carried, self.kinematics.mechanism
         s = stretch.after(before) if before else stretch

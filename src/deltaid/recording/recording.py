@@ -1,4 +1,4 @@
-"""Prepared recordings: a surveyed log, its filter and repairs, evaluated window by window."""
+"""Prepared recordings: a surveyed log with filter and repairs, evaluated window by window."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,7 +27,7 @@ from deltaid.recording.windows import WINDOW, Directions, Window, blocks, window
 from deltaid.shown import Shown
 
 _Result = TypeVar("_Result")
-# Number of own samples of a window, and what makes it.
+# Number of own samples of a window, and the function that makes it.
 _WindowMaker = tuple[int, Callable[[], Window]]
 
 
@@ -36,17 +36,18 @@ class PreparedRecording(Shown):
     """A log that is ready for computations.
 
     Attributes:
-        log: the surveyed file.
-        low_pass: its filter; None if velocities and accelerations are used as recorded.
-        repairs: corrections of its rows.
-        excerpt: stretches that represent it; None before they have been read.
-        watch: called with every window that is evaluated.
-        every: every k-th window is evaluated.
-        before: known rows before the first one, as many as the filter takes, in blocks, columns as
-            in `Log.batches`; empty if unknown.
-        after: the same behind the last row, at least as many.
-        path: of the recording.
-        cutoff, motion_cutoff: of the filter over rows and over positions [Hz]; None without one.
+        log: the surveyed log.
+        low_pass: filter of the log; None if velocities and accelerations are used as recorded.
+        repairs: corrections of the rows.
+        excerpt: stretches that represent the log; None before they have been read.
+        watch: function that is called with every evaluated window.
+        every: k if every k-th window is evaluated.
+        before: rows ahead of the first one, as many as the filter takes, in blocks, columns as in
+            `Log.batches`; empty if unknown.
+        after: rows behind the last one, at least as many as the filter takes; empty if unknown.
+        path: path of the recording.
+        cutoff, motion_cutoff: cut-offs of the filter over rows and over positions [Hz]; None
+            without a filter.
     """
 
     log: Log
@@ -72,7 +73,7 @@ class PreparedRecording(Shown):
 
     @property
     def filter(self) -> LowPass:
-        """The filter of its windows: `low_pass`, or the identity."""
+        """Filter of the windows: `low_pass`, or the identity."""
         return self.low_pass or no_filter(self.log.rate)
 
     @property
@@ -80,26 +81,26 @@ class PreparedRecording(Shown):
         return self.log.laid.report(self.log.bridged(self.motion_cutoff), self.filter.reach + 1)
 
     def excerpted(self) -> "PreparedRecording":
-        """The recording with an excerpt, for which it is read once."""
+        """Recording with its excerpt, for which the log is read once."""
         return replace(self, excerpt=self.log.excerpt(self.motion_cutoff, self.filter))
 
     def repaired(self, **repairs: Any) -> "PreparedRecording":
         return replace(self, repairs=replace(self.repairs, **repairs))
 
     def drifting(self, coefficients: Iterable[Sequence[float]] = ()) -> TorqueDrift:
-        """Drift of torque constants over the recording, with a and b of each drive."""
+        """Drift of torque constants over the recording, by a and b of each drive."""
         log, pairs = self.log, tuple((a, b) for a, b in coefficients)
         return TorqueDrift(log.clock.first, log.samples / log.rate, pairs)
 
     @property
     def brief(self) -> "PreparedRecording":
-        """Its excerpt as a recording; the whole one without an excerpt."""
+        """Excerpt as a recording; the whole recording if it has no excerpt."""
         if self.excerpt is None:
             return self
         return replace(self, log=replace(self.log, held=self.excerpt), watch=None)
 
     def sparser(self, windows: int) -> "PreparedRecording":
-        """The recording thinned to at least so many windows, evenly spread."""
+        """Recording thinned to evenly spread windows, at least `windows` of them."""
         return replace(self, every=max(1, self.log.samples // (windows * WINDOW)))
 
     def evaluate(
@@ -107,7 +108,7 @@ class PreparedRecording(Shown):
     ) -> Iterator[_Result]:
         """Results of `work` on every window, in order, in constant memory, on all cores.
 
-        A filter's length is lost at both ends of each segment.
+        The filter takes some samples at both ends of each segment.
         """
 
         def done(uncut: _WindowMaker) -> _Result:
@@ -119,11 +120,11 @@ class PreparedRecording(Shown):
         return ordered(done, islice(self._window_makers(kinematics), None, None, self.every))
 
     def _window_makers(self, kinematics: Kinematics) -> Iterator[_WindowMaker]:
-        """Windows to make, segment by segment; none reaches beyond its segment."""
+        """Functions that make the windows, segment by segment; no window reaches beyond one."""
         log, low_pass, repairs, start = self.log, self.filter, self.repairs, 0
         directions = burden = None
         if not log.keep_all:
-            noise = np.zeros_like(log.position_noise)  # that of recorded velocities is unknown
+            noise = np.zeros_like(log.position_noise)  # noise of recorded velocities is unknown
             if not log.columns.velocity:
                 noise = log.position_noise * low_pass.speed_gain
             directions = Directions(1 / log.rate, noise, repairs.smear(log.rate))
@@ -140,8 +141,8 @@ class PreparedRecording(Shown):
 
     @property
     def without(self) -> tuple[int, int]:
-        """Rows at the beginning and the end that a filter over positions loses, if rows are
-        steady."""
+        """Numbers of rows at the beginning and the end for which the filter gives no samples; 0 if
+        rows are not steady."""
         if not self.log.laid.steady:
             return 0, 0
         start = 0 if self.before else self.filter.first_row
@@ -151,10 +152,14 @@ class PreparedRecording(Shown):
         return start, self.log.samples - start - self.filter.samples_of(rows)
 
     def changed(self, cutoff: float | None, **log: Any) -> "PreparedRecording":
-        """The recording with another filter and other fields of its log; repairs are kept.
+        """Recording with another filter and other fields of its log; repairs are kept.
+
+        Args:
+            cutoff: cut-off of the filter [Hz]; None for the suggested one.
+            log: new fields of the log.
 
         Raises:
-            RecordingError: the log is too short, or the cut-off does not go with its rate.
+            RecordingError: the log is too short, or the cut-off does not fit its rate.
         """
         recording = with_filter(replace(self.log, **log), cutoff)
         return replace(recording, repairs=self.repairs, excerpt=self.excerpt)
@@ -163,15 +168,15 @@ class PreparedRecording(Shown):
         return self.evaluate(kinematics, lambda window: window)
 
     def spread(self, kinematics: Kinematics, most: int) -> Iterator[Window]:
-        """Evenly spread windows with the rows of `most` full windows.
+        """Evenly spread windows that have about as many rows as `most` full windows.
 
-        Gaps make windows short, which takes more of them.
+        Gaps shorten windows, so there may be more than `most`.
         """
         every, rows = list[Callable[[], Window]](), 0
         for samples, make in self._window_makers(kinematics):
             every.append(make)
             rows += samples
-            if rows >= MOST_WINDOWS * WINDOW:  # the beginning stands for a log without an excerpt
+            if rows >= MOST_WINDOWS * WINDOW:  # of a log without an excerpt, only the beginning
                 break
         count = max(most, round(most * WINDOW * len(every) / max(rows, 1)))
         chosen = np.unique(np.linspace(0, len(every) - 1, count).round().astype(int))
@@ -191,9 +196,12 @@ def open_recordings(
 
     Args:
         columns: names and units of their columns: one mapping for all, or one each.
+        cutoff: cut-off of the filters [Hz]; None for suggested ones.
+        progress: function that is called with messages about the progress.
+        keep_all: whether no rows are excluded.
 
     Raises:
-        RecordingError: there is none, one cannot be used, or two are the same.
+        RecordingError: no recording is given, one cannot be used, or two are the same.
     """
     sources, recordings = as_sources(logs), dict[str, PreparedRecording]()
     if not sources:
@@ -216,7 +224,7 @@ def open_recordings(
 
 
 def _resting(log: Log) -> int:
-    """Rows in which no drive moves, as far as it shows: the reach shows no turning tool."""
+    """Number of rows at rest: all if three drives never move the platform, else masked ones."""
     low, high = log.reach
     if len(log.columns.position) == len(low) and np.array_equal(low, high):
         return log.samples
@@ -224,15 +232,19 @@ def _resting(log: Log) -> int:
 
 
 def with_filter(log: Log, cutoff: float | None = None) -> PreparedRecording:
-    """A log with its filter; without a cut-off, none if velocities and accelerations are recorded.
+    """Prepare a log with its filter.
+
+    Args:
+        cutoff: cut-off [Hz]; by default the suggested one, or no filter if velocities and
+            accelerations are recorded.
 
     Raises:
-        RecordingError: the log is too short, or the cut-off does not go with its rate.
+        RecordingError: the log is too short, or the cut-off does not fit its rate.
     """
     if cutoff is None and log.has_derivatives:
         return PreparedRecording(log.cut_at(None, 1), None)
     cutoff, needed = cutoff or log.suggested_cutoff, SpectrumEstimate.SHORTEST
-    if cutoff:  # before the design, because the filter of a tiny cut-off is endless
+    if cutoff:  # before the design, because a tiny cut-off makes the filter extremely long
         needed = samples_needed(cutoff, log.rate, str(log.path))
     else:
         log.cut_at(None, needed)

@@ -1,14 +1,15 @@
 """Corrections of the rows of a recording, which every pass over it applies.
 
 Positions of motors on compliant gears are converted to those of the links. On a gear of compliance
-s the motor is ahead by s τ_g, with the torque τ_g of the gear:
+s, the motor is ahead of its link by s τ_g, with the torque τ_g of the gear:
 
-    q = q_motor − s τ_g,   τ_g = τ − viscous q̇ − coulomb sign(q̇) − rotor q̈
+    q = q_motor − s τ_g,   τ_g = τ − viscous q̇ − coulomb sign(q̇) − rotor q̈.
 
-which is the *measured* torque without friction and rotor of the motor, low-passed. (With the torque
-of a model, which follows from q̈, the iteration diverges.) Friction and rotor depend on the motor's
-motion, but a model of rigid gears has only the link's. So torques become those of a motor that
-moves as its link: friction at the motor's speed is subtracted, friction at the link's speed added.
+τ_g is the low-passed *measured* torque less friction and rotor inertia of the motor. (With a
+model's torque, which depends on q̈, the iteration diverges.) Friction and rotor inertia act with the
+motor's motion, but a model of rigid gears has only the link's. So torques are converted to those of
+a motor that moves as its link: terms at the motor's motion are subtracted, those at the link's
+motion are added.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -34,9 +35,9 @@ from deltaid.robot.description import RobotDescription
 
 Values = Float[np.ndarray, "samples drives"]
 Samples = Float[np.ndarray, "samples dof"]
-# Periods of the cut-off after which 3 % remains of the second derivative of a step.
+# Periods of the cut-off after which 3 % of the second derivative of a step remains.
 _PERIODS = 2
-# Reasons to exclude stretches, with explanations.
+# Reasons to exclude stretches, and their explanations.
 CONTACT, SPIKE, STOP, JOLT = "contact", "torque spike", "stop", "jolt"
 BACKLASH = "backlash"
 WHY_REPAIRED = {
@@ -54,8 +55,8 @@ class Gears:
 
     Attributes:
         compliance: s [rad/(N m) or m/N]; 0 for a stiff gear.
-        viscous, coulomb, rotor: of the motors, on the motor's side of the gears.
-        cutoff: of the low-pass over the gears' torques [Hz].
+        viscous, coulomb, rotor: friction and inertia on the motor's side of the gears.
+        cutoff: cut-off of the low-pass over the gears' torques [Hz].
     """
 
     compliance: tuple[float, ...]
@@ -65,7 +66,7 @@ class Gears:
     cutoff: float
 
     def low_pass(self, rate: float) -> LowPass:
-        """The filter of the gears' torques, in one stage."""
+        """Filter of the gears' torques, in one stage."""
         return design_low_pass(self.cutoff, rate, single=True)
 
     def of_motor(self, qd: Values, qdd: Values) -> Values:
@@ -73,20 +74,22 @@ class Gears:
         return friction + np.array(self.rotor) * qdd
 
     def less(self, qd: Values, qdd: Values, ahead: Values, faster: Values) -> Values:
-        """Torque of a motor minus that of one that moves as its link.
+        """Friction and inertia torque of the motors minus that at the motion of their links.
 
         Args:
-            qd, qdd: of the motor.
-            ahead, faster: speed and acceleration of the motor minus those of the link.
+            qd, qdd: speed and acceleration of the motors.
+            ahead, faster: speed and acceleration of the motors minus those of the links.
         """
         return self.of_motor(qd, qdd) - self.of_motor(qd - ahead, qdd - faster)
 
     def turned_back(self, segment: Iterable[Rows], columns: Columns, rate: float) -> Iterator[Rows]:
-        """Rows of a segment with the links' motion, in constant memory; fewer at both ends.
+        """Rows of a segment with the links' motion, in constant memory.
+
+        Filters take some rows at both ends.
 
         Args:
-            segment: evenly spaced rows in blocks: `columns`, then a weight a drive.
-            columns: of the rows.
+            segment: evenly spaced rows in blocks: `columns`, then one weight per drive.
+            columns: columns of the rows.
             rate: samples per second.
         """
         low_pass = self.low_pass(rate)
@@ -95,7 +98,7 @@ class Gears:
             yield self._rows(wide, columns, low_pass)
 
     def _rows(self, wide: Rows, columns: Columns, low_pass: LowPass) -> Rows:
-        """Rows with the links' motion, without those that filters take at both ends."""
+        """Rows with the links' motion, less those that filters take at both ends."""
         dof, lost = len(self.compliance), low_pass.margin
         q, inner = wide[:, 1 : 1 + dof], slice(lost, len(wide) - lost)
         qd, qdd = convolved(low_pass.first, q), convolved(low_pass.second, q)
@@ -117,7 +120,7 @@ class Gears:
 
 
 def convolved(taps: Float[np.ndarray, " taps"], x: Values) -> Float[np.ndarray, "fewer drives"]:
-    """Convolution of each column where the taps fit entirely, by Fourier transform."""
+    """Convolve each column where the taps fit entirely, by Fourier transform."""
     count = len(x) - len(taps) + 1
     if count <= 0:
         return x[:0]
@@ -131,10 +134,10 @@ class Push:
     """A push on the platform, at its maximum.
 
     Attributes:
-        time: of the maximum [s].
-        place: of the platform point in the world (3) [m].
-        force: in the world (3) [N].
-        moment: about the tool's axis [N m]; None for a robot that does not turn its tool.
+        time: time of the maximum [s].
+        place: platform point in the world (3) [m].
+        force: force in the world (3) [N].
+        moment: moment about the tool's axis [N m]; None if the robot does not turn its tool.
     """
 
     time: float
@@ -148,10 +151,10 @@ class LeftSpan:
     """An excluded stretch of time.
 
     Attributes:
-        first, last: its first and last time stamp, as the torques were recorded [s].
-        reason: such as 'contact'.
+        first, last: first and last time stamp, as the torques were recorded [s].
+        reason: reason of the exclusion, such as 'contact'.
         drives: drives whose torques are excluded; all if empty.
-        push: push on the platform, if there was one.
+        push: push on the platform, if that is the reason.
         gear: drive whose gear has play, if that is the reason.
     """
 
@@ -168,7 +171,7 @@ class Pull(Protocol):
     """An external cause that takes torque of the drives, such as a hose."""
 
     def torques(self, z: Samples, qd: Samples) -> Samples:
-        """Torques that it takes along a motion."""
+        """Drive torques that it takes along a motion."""
         ...
 
 
@@ -178,18 +181,18 @@ def burden_of(
     loads: Sequence[Sequence[float]],
     pulls: Sequence[Pull] = (),
 ) -> Callable[..., Samples]:
-    """Torques of loads and pulls: a function τ(time, z, q̇, q̈, extra), sample by sample.
+    """Function τ(time, z, q̇, q̈, extra) that returns the torques of loads and pulls.
 
     Args:
-        columns: of the recording; they determine when each load is held.
-        loads: ten parameters each, in the order of `Columns.loads`; none if their torques stay.
-        pulls: that act all the time.
+        columns: columns of the recording, which determine when each load is held.
+        loads: ten parameters per load, in the order of `Columns.loads`; empty to ignore loads.
+        pulls: external causes, which act all the time.
 
     Raises:
-        RecordingError: the robot has no body that carries one of them.
+        RecordingError: the robot has no body that carries a load.
     """
     dynamics = compiled(robot)
-    # Parameters of a robot without friction whose other bodies have no mass.
+    # Parameters of a robot that consists of the load only, for each load.
     p = np.zeros((len(columns.loads), len(dynamics.layout.names)))
     for parameters, load, ten in zip(p, columns.loads if loads else (), loads, strict=True):
         parameters[dynamics.layout.body(carrier(load, robot))] = ten
@@ -223,11 +226,11 @@ class TorqueDrift:
     coefficients: tuple[tuple[float, float], ...] = ()
 
     def share(self, time: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
-        """s at given times [s]."""
+        """Share s of the recording at given times [s]."""
         return (time - self.start) / self.length
 
     def undone(self, rows: Rows, columns: Columns) -> Rows:
-        """Rows with torques by the constants at the beginning."""
+        """Rows with torques τ, by the torque constants at the beginning."""
         (a, b), s = np.array(self.coefficients).T, self.share(rows[:, 0])[:, None]
         rows = rows.copy()
         rows[:, columns.torque_places] /= 1.0 + a * s + b * s**2
@@ -240,18 +243,18 @@ class Repairs:
 
     Attributes:
         readings: errors of positions and torques; None for none.
-        drift: of torque constants; None for none.
+        drift: drift of torque constants; None for none.
         gain: factor of each drive's torques; empty for 1.
         hold: how drives hold their torques between updates; empty for none.
         delay: lag of each drive's torques [s]; empty for none.
         constants: time constant of the first-order filter of each drive's torques [s]; empty for
             none.
-        growth: growth of delays with time; None for clocks that agree.
+        growth: growth of delays with time; None if clocks agree.
         left_out: excluded stretches, in addition to the survey's masks.
         gears: compliant gears; None for stiff ones.
-        loads: ten parameters of each load, in the order of `Columns.loads`; their torques are
-            subtracted, which leaves those of the robot alone. Empty for none.
-        pulls: external causes whose torques are subtracted too.
+        loads: ten parameters of each load, in the order of `Columns.loads`, whose torques are
+            subtracted; empty for none.
+        pulls: external causes whose torques are subtracted.
     """
 
     readings: Readings | None = None
@@ -267,14 +270,14 @@ class Repairs:
     pulls: tuple[Pull, ...] = ()
 
     def apply(self, segment: Iterator[Rows], columns: Columns, rate: float) -> Iterator[Rows]:
-        """Corrected rows of a segment.
+        """Correct the rows of a segment.
 
         Args:
             segment: evenly spaced rows in blocks, columns as in `Log.batches`.
-            columns: of the rows.
+            columns: columns of the rows.
             rate: rows per second.
         """
-        if not columns.torque:  # a planned motion; all corrections are of torques
+        if not columns.torque:  # a planned motion, which needs no correction
             return segment
         if self.left_out:  # before delays, which shift weights with torques
             segment = (self._weighed(rows, columns) for rows in segment)
@@ -306,12 +309,13 @@ class Repairs:
         return tuple(np.add(self.delay or 0.0, self.constants).tolist())
 
     def smear(self, rate: float) -> tuple[int, ...]:
-        """Samples to either side over which torques are interpolated; empty for none."""
+        """Samples to either side over which each torque is interpolated; empty if none is."""
         smear, spread = self.shift(rate).smear, [hold.spread for hold in self.hold]
         return tuple(np.add(smear or 0, spread).tolist()) if any(self.hold) else smear
 
     def _weighed(self, rows: Rows, columns: Columns) -> Rows:
-        """Rows with weights of zero in excluded stretches; NaN for sensors if for all drives."""
+        """Rows with zero weights in excluded stretches, where sensors are NaN if all drives are
+        excluded."""
         rows, drives = rows.copy(), len(columns.torque)
         for drives_of, ends in self._by_drives.items():
             which, excluded = drives_of or tuple(range(drives)), within(ends, rows[:, 0])

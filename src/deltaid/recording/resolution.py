@@ -1,4 +1,4 @@
-"""Resolves a table's columns by the user's mapping or by default names."""
+"""Resolves the columns of a table by the user's mapping or by default names."""
 
 import math
 from collections import Counter
@@ -34,16 +34,17 @@ def resolve_columns(
     mapping: ColumnMapping | None = None,
     sensors: Sensors | None = None,
 ) -> Columns:
-    """Columns of a log by quantity, from a mapping or the default names.
+    """Columns of a log by quantity, from a mapping or by default names.
 
     Default names are t (or time), and q1…, qd1…, qdd1…, tau1… or arrays q, qd, qdd, tau, in s, rad,
-    rad/s, rad/s² and N m at the joint, or in m, m/s, m/s² and N. Without a unit in the mapping,
-    that stated in the log holds.
+    rad/s, rad/s² and N m at the joint, or in m, m/s, m/s² and N for sliding drives. A unit that the
+    log states replaces the default one.
 
     Args:
         table: the log.
-        linear: for each drive whether it slides.
-        sensors: channels of the robot's sensors, by their names.
+        linear: whether each drive slides.
+        mapping: names and units of the columns; None for the default ones.
+        sensors: channels of the robot's sensors by name.
 
     Raises:
         RecordingError: a column is missing, occurs twice or is declared twice; a unit does not fit;
@@ -81,8 +82,8 @@ def resolve_columns(
 
 
 def extra_drives(table: LogTable, columns: Columns, mapping: ColumnMapping, dof: int) -> str:
-    """Which columns have default names of a drive that the robot lacks, in words; empty if none
-    has, or if a mapping names the column of each drive's position."""
+    """Message about columns with default names of drives that the robot lacks; empty if there are
+    none, or if a mapping names the column of each drive's position."""
     if isinstance(mapping.position, tuple):
         return ""
     used = {channel.column for channel in columns.all}
@@ -157,7 +158,7 @@ def _under_default_names(
         if not (find(table.fields, f"{short}[0]") and (not array or len(array[0].shape) > 1)):
             return ()
         names = [f"{short}[{i}]" for i in range(len(linear))]
-    # If some are missing, all are kept, so that an error names those.
+    # Missing columns are kept, so that a later error names them.
     return tuple(
         _channel(
             quantity,
@@ -252,7 +253,7 @@ def sensor_columns(
 ) -> tuple[SensorChannels, ...]:
     """Channels of the sensors in a log, in the order of the description.
 
-    By default a sensor has the columns `plate.fx`, …, `plate.mz` (or `gauge1`), or those of an
+    By default the columns of a sensor are `plate.fx`, …, `plate.mz` (or `gauge1`), or those of an
     array `plate`; a log without them lacks the sensor.
 
     Raises:
@@ -292,7 +293,7 @@ def sensor_columns(
 
 
 def _default_sensor(table: LogTable, name: str, names: list[str]) -> SensorColumns | None:
-    """Columns of a sensor with their default names; None without such columns."""
+    """Columns of a sensor with default names; None if the log has none of them."""
     missing = [column for column in names if find(table.fields, column) is None]
     if len(missing) == len(names):
         names = [f"{name}[{i}]" for i in range(len(names))]
@@ -312,7 +313,7 @@ def _default_sensor(table: LogTable, name: str, names: list[str]) -> SensorColum
 def _scale(
     unit: str | None, column: str, shown: SensorChannel, table: LogTable, where: str
 ) -> float:
-    """Factor of a column's numbers to SI."""
+    """Factor from numbers of a sensor's column to SI."""
     place = f"{table.header_place}, unit of {column}" if unit is None else f"{where}.unit"
     unit = table.units.get(column, shown.unit) if unit is None else unit
     factor = si_factor(

@@ -1,7 +1,7 @@
-"""Sources of logs on the disk or in memory: base class of tables, and opening of files.
+"""Base class of tables of logs, and files of logs as streams of bytes.
 
-A file is a stream of bytes, text in UTF-8, also if it is compressed or in UTF-16. It is unpacked
-and transcoded chunk by chunk each time it is read, so memory stays constant.
+Compressed files are unpacked, and UTF-16 is converted to UTF-8, chunk by chunk in each pass, so
+memory stays constant.
 """
 
 import codecs
@@ -26,15 +26,15 @@ from deltaid.errors import Doubt, RecordingError, quoted, visible
 from deltaid.recording.address import Pick, RecordedField, locate
 
 Column = pl.Series | np.ndarray
-# What polars raises for tables that it cannot read.
+# Errors of polars for tables that it cannot read.
 POLARS_ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
-RENAME = "rename one"  # of several columns that have one name
-# Key of doubts about rows that are excluded because the file has not all their numbers.
+RENAME = "rename one"  # fix of several columns with one name
+# Key of doubts about rows that are excluded because some of their numbers are missing.
 INCOMPLETE = "incomplete-rows"
-# Rows of a batch.
+# Rows per batch.
 BATCH_ROWS = 1 << 16
-# Bytes read at once: few, because a chunk may unpack to a thousand times its size. The first ones
-# show the kind of a file.
+# Bytes read at once: few, because they may unpack to a thousand times as many. The first chunk
+# shows the kind of a file.
 CHUNK = 1 << 14
 _GZIP = b"\x1f\x8b"
 ZSTD = b"\x28\xb5\x2f\xfd"
@@ -43,11 +43,11 @@ _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 @dataclass(frozen=True)
 class Rows:
-    """Consecutive rows of some columns as a recording holds them.
+    """Consecutive rows of some columns, in the units of the recording.
 
     Attributes:
-        numbers: an array or series per column; null or NaN where there is no number.
-        written: the same as in the file, for messages.
+        numbers: an array or series per column; null or NaN where the recording has no number.
+        written: the same values as they are written in the file, for messages.
         size: number of rows.
     """
 
@@ -61,19 +61,17 @@ class Rows:
 
 @dataclass(frozen=True)
 class LogTable(ABC):
-    """An opened log: its place, its fields, and how to read it.
-
-    Each kind of file has a class of its own.
+    """Base class of open logs; each kind of file has a class.
 
     Attributes:
-        path: of the file; the name of a table in memory.
+        path: path of the file, or the name of a table in memory.
         fields: columns and arrays, in order.
-        first_row: of the first data, as a user counts it: a line of a CSV file, otherwise 1.
-        units: of columns, as the file states them.
+        first_row: number of the first row of data: the line of a CSV file, otherwise 1.
+        units: units of columns, as the file states them.
         warnings: doubts about the layout.
         cure_of_missing: fix of a missing column.
         cure_without_torque: fix of missing torques among the default columns.
-        doubts: about the rows, of the last time that all were read.
+        doubts: doubts about the rows, from the last full pass.
         header: names of the fields.
     """
 
@@ -103,19 +101,20 @@ class LogTable(ABC):
 
     @abstractmethod
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """Columns by their addresses, all rows in order, in pieces of any length.
+        """Read all rows of some columns in order, in pieces of any length.
 
-        Dates come as seconds since the first row, computed from whole numbers.
+        Args:
+            columns: addresses of the columns.
 
         Raises:
             RecordingError: the file is damaged, or a column does not hold numbers.
         """
 
     def picks(self, columns: Sequence[str]) -> list[Pick]:
-        """Columns by their addresses.
+        """Fields and indices of columns by their addresses.
 
         Raises:
-            RecordingError: one is missing, holds no numbers, or is longer than others.
+            RecordingError: a column is missing, holds no numbers, or is longer than others.
         """
         return locate(self.fields, columns, self.header_place, self.cure_of_missing)
 
@@ -129,32 +128,32 @@ class LogTable(ABC):
         return f"{self.path}, row {row}"
 
     def row_name(self, row: int) -> str:
-        """Place of a row without the file, for messages that name the file."""
+        """Place of a row without the file, for messages that already name the file."""
         return self.row_place(row).removeprefix(f"{self.path}, ")
 
     def repeated(self, name: str) -> str:
-        """The columns of one name, if there are several; else empty."""
+        """Message about several columns of one name; empty if there is one at most."""
         places = [str(k) for k, other in enumerate(self.header, start=1) if other == name]
         several = f"has {len(places)} columns called {name} (columns {' and '.join(places)})"
         return several if len(places) > 1 else ""
 
     def bad_value(self, column: str, written: object, place: str) -> RecordingError:
-        """Error of a field that is no finite number."""
+        """Error for a field that is not a finite number."""
         text = "" if written is None else visible(str(written), kept="")
         what = f"is '{text[:40]}', not a finite number" if text else "is empty"
         return RecordingError(f"column {quoted(column)} {what}", where=place, cure=self.cure(text))
 
     def cure(self, written: str) -> str:
-        """Fix of a field that is no number."""
+        """Fix of a field that is not a number."""
         return "remove or repair such rows; deltaid does not fill gaps"
 
 
 @contextmanager
 def opened(path: Path) -> Generator[BufferedReader, None, None]:
-    """A file open for reading bytes.
+    """Open a file for reading bytes.
 
     Raises:
-        RecordingError: it is missing, is no file, or cannot be read.
+        RecordingError: the file is missing, is no regular file, or cannot be read.
     """
     with readable(path):
         if path.is_dir():
@@ -171,10 +170,10 @@ def opened(path: Path) -> Generator[BufferedReader, None, None]:
 
 @contextmanager
 def readable(path: Path) -> Generator[None, None, None]:
-    """Turn errors of the system about a file into a message.
+    """Convert errors of the operating system about a file to a message.
 
     Raises:
-        RecordingError: with the file's name.
+        RecordingError: names the file.
     """
     try:
         yield
@@ -196,11 +195,11 @@ def damage(
     what: str,
     cure: str = "copy or export it again",
 ) -> Generator[None, None, None]:
-    """Turn errors of a library about the content of a file into a message.
+    """Convert errors of a library about the content of a file to a message.
 
     Raises:
-        RecordingError: with what is damaged, and the error's first line; or one that is a message
-            already.
+        RecordingError: states `what` and the first line of the error; a RecordingError passes
+            unchanged.
     """
     try:
         yield
@@ -217,14 +216,15 @@ def first_line(error: BaseException) -> str:
 
 
 def library(name: str, kind: str, path: Path, or_else: str = "") -> Any:
-    """A module that reads a kind of file.
+    """Import the module that reads a kind of file.
 
     Args:
-        name, kind: of the module, and of the file, for messages.
-        or_else: another fix than to install it.
+        name: name of the module.
+        kind: kind of the file, for messages.
+        or_else: a fix other than installing the module.
 
     Raises:
-        RecordingError: it is not installed.
+        RecordingError: the module is not installed.
     """
     try:
         return import_module(name)
@@ -239,11 +239,11 @@ def library(name: str, kind: str, path: Path, or_else: str = "") -> Any:
 
 @contextmanager
 def content(path: Path) -> Generator[io.BufferedReader, None, None]:
-    """A log open for reading, uncompressed, and in UTF-8 if it was in UTF-16.
+    """Open a log for reading: uncompressed, and in UTF-8 if it is in UTF-16.
 
     Raises:
-        RecordingError: it cannot be read, its compressed data is damaged or cut off, or the library
-            for it is missing.
+        RecordingError: the log cannot be read, its compressed data is damaged or cut off, or the
+            library for it is missing.
     """
     with opened(path) as file:
         stream, start = file, file.peek(4)
@@ -264,10 +264,10 @@ def packed_by(path: Path) -> str:
 
 
 def unzstd(data: bytes, path: Path) -> bytes:
-    """Decompressed zstd data.
+    """Decompress zstd data.
 
     Raises:
-        RecordingError: it is damaged, or the library for it is missing.
+        RecordingError: the data is damaged, or the library for it is missing.
     """
     new, damaged = _zstd(path)
     with damage(path, damaged, "has damaged zstd data"):
@@ -300,7 +300,7 @@ def _unpacked(
     new: Callable[[], Any],
     damaged: type[Exception],
 ) -> Iterator[bytes]:
-    """Decompressed data of all members or frames."""
+    """Decompressed data of all gzip members or zstd frames."""
     unpacker: Any = None
     while data := file.read(CHUNK):
         # Files from tapes and some loggers are padded with zeros.

@@ -11,23 +11,23 @@ from jaxtyping import Bool, Float
 
 from deltaid.levels import FAINT
 
-# Largest cut-off as a share of the sampling rate: above, differences err by more than 1e-4.
+# Largest cut-off as a share of the sampling rate: above it, differences err by more than 1e-4.
 HIGHEST = 0.1
-# Least cut-off that is chosen by rule [Hz].
+# Least cut-off that `SpectrumEstimate.cutoff` returns [Hz].
 LOWEST_CUTOFF = 2.0
-# Outputs of a filter per row of a matrix product, and numbers in a product: they fit into the
-# cache.
+# Outputs per row of a matrix product, and numbers per product, which fit into the cache.
 _OUTPUTS, _CHUNK = 16, 1 << 17
-# Least decimation for which pieces are faster than a banded matrix.
+# Decimation from which pieces are faster than a banded matrix.
 _SPARSE = 8
-# Samples of a segment.
+# Samples per segment of a spectrum.
 SEGMENT = 4096
-# Least ratio of a motion's power to the noise: 20 dB. Least ratio of an encoder's noise by its
-# steps to that in the upper half of the band, from which its noise counts as coloured.
+# Least ratio of a motion's power to that of the noise: 20 dB; and ratio of noise by an encoder's
+# steps to the noise in the upper half of the band, above which noise counts as coloured.
 _ABOVE, _COLOURED = 100.0, 4.0
-# Share of the speeds' power within the bandwidth.
+# Share of the power of speeds within the bandwidth.
 NEARLY_ALL = 0.999
-_BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])  # of cos 0, 2πk/n, 4πk/n, …
+# Coefficients of cos 0, cos 2πk/n, cos 4πk/n, …
+_BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])
 
 
 def apply(
@@ -46,9 +46,9 @@ def convolve(
 ) -> Float[np.ndarray, "filters channels kept"]:
     """Convolve each channel with several filters of equal length, as `apply` does with one.
 
-    Neighbouring outputs of all filters are a banded matrix times the samples under them. Such
-    matrix products are an order of magnitude faster than a loop over taps. At a high decimation,
-    samples are cut into pieces of that length instead.
+    Neighbouring outputs of all filters are a banded matrix times the samples that they depend on.
+    Such matrix products are an order of magnitude faster than a loop over taps. At a high
+    decimation, samples are cut into pieces of `decimation` samples instead.
     """
     filters, length = taps.shape
     if length == 1:
@@ -63,7 +63,7 @@ def convolve(
     band = _band(taps, decimation, span)
     step = _OUTPUTS * decimation
     blocks = -(-kept // _OUTPUTS)
-    padded = np.zeros((channels, span))  # samples under the last block
+    padded = np.zeros((channels, span))  # samples of the last block
     end = x[:, (blocks - 1) * step :]
     padded[:, : min(end.shape[1], span)] = end[:, :span]
     out = np.empty((filters, channels, blocks * _OUTPUTS))
@@ -86,7 +86,7 @@ def convolve(
 def _band(
     taps: Float[np.ndarray, "filters taps"], decimation: int, span: int
 ) -> Float[np.ndarray, "span outputs"]:
-    """The matrix of a block: column k of a filter holds its taps, reversed, k·decimation down."""
+    """Matrix of a block: column k of a filter holds its reversed taps from row k·decimation on."""
     filters, length = taps.shape
     band = np.zeros((span, filters, _OUTPUTS))
     column = np.arange(_OUTPUTS)
@@ -99,7 +99,7 @@ def _sparse(
     x: Float[np.ndarray, "channels samples"],
     decimation: int,
 ) -> Float[np.ndarray, "filters channels kept"]:
-    """y_k = Σ_j h_jᵀ x_{k+j}, with x_m the m-th piece of `decimation` samples, h_j of the taps."""
+    """Outputs y_k = Σ_j h_jᵀ x_{k+j}, with pieces x_m of `decimation` samples and h_j of taps."""
     filters, length = taps.shape
     channels, samples = x.shape
     kept, pieces = max(0, -(-(samples - length + 1) // decimation)), -(-length // decimation)
@@ -129,10 +129,10 @@ class SpectrumEstimate:
     Estimates add up; partial segments count only if no segment is full.
 
     Attributes:
-        power: sum over all segments.
-        segments: their number.
-        are_full: whether segments have all samples.
-        step: smallest change from one sample to the next; infinite without any.
+        power: sum of the power over all segments.
+        segments: number of segments.
+        are_full: whether segments have `SEGMENT` samples.
+        step: smallest change from one sample to the next; infinite without changes.
         changes: share of samples at which each position changes, times the number of segments.
     """
 
@@ -157,7 +157,7 @@ class SpectrumEstimate:
 
     @property
     def noise(self) -> Float[np.ndarray, " dof"]:
-        """Standard deviation of each position's noise, by its floor; 0 without a full segment."""
+        """Standard deviation of each position's noise, by the noise floor of its spectrum."""
         floor = self._floor / max(self.segments, 1)
         return np.sqrt(floor / np.sum(blackman_harris(SEGMENT) ** 2))
 
@@ -167,10 +167,10 @@ class SpectrumEstimate:
 
     @property
     def _noise_floor(self) -> Float[np.ndarray, " dof"]:
-        """Power of the noise in a bin of the motion's band.
+        """Power of the noise per bin in the band of the motion.
 
         Steps Δ of an encoder are noise of variance Δ²/12. If the position stays on each step for
-        many samples, that noise lies below the rate of changes.
+        many samples, the frequencies of this noise are below the rate of changes.
         """
         floor, changes = self._floor, self.changes / self.segments
         step = np.where(np.isfinite(self.step), self.step, 0.0)
@@ -181,10 +181,10 @@ class SpectrumEstimate:
     def cutoff(self, rate: float) -> float | None:
         """Twice the highest frequency at which a drive's position exceeds its noise by 20 dB [Hz].
 
-        The noise floor is the median power in the upper half of the band, or that of a coarse
-        encoder's steps. Resting drives do not count: one that flickers between two steps exceeds
-        its floor at all frequencies. Twice, because torques have products of velocities. None
-        without a full segment.
+        Twice, because torques have products of velocities. The noise floor is the median power in
+        the upper half of the band, or the power of a coarse encoder's steps. Resting drives do not
+        count: one that flickers between two steps exceeds its floor at all frequencies. None
+        without a segment.
         """
         if not self.segments:
             return None
@@ -194,9 +194,10 @@ class SpectrumEstimate:
         return float(np.clip(2 * top, LOWEST_CUTOFF, HIGHEST * rate))
 
     def bandwidth(self, rate: float) -> float | None:
-        """Frequency below which 99.9 % of the speeds' power lies, with equal weight of drives [Hz].
+        """Frequency below which 99.9 % of the power of speeds lies, with equal weight of drives
+        [Hz].
 
-        Only power that exceeds the positions' noise counts. None without a full segment.
+        Only power above the noise of positions counts. None without a segment.
         """
         if not self.segments:
             return None
@@ -216,7 +217,7 @@ class SpectrumEstimate:
 
 
 def spectrum_of(q: Float[np.ndarray, "samples dof"]) -> SpectrumEstimate:
-    """Spectra of consecutive samples; a partial segment counts only if there is no full one."""
+    """Spectra of consecutive samples; a partial segment counts only without a full one."""
     starts = range(0, len(q) - SEGMENT + 1, SEGMENT)
     power = np.zeros((q.shape[1], SEGMENT // 2 + 1))
     for start in starts:
@@ -233,13 +234,13 @@ def spectrum_of(q: Float[np.ndarray, "samples dof"]) -> SpectrumEstimate:
 def _segment(q: Float[np.ndarray, "samples dof"]) -> Float[np.ndarray, "dof frequencies"]:
     t = np.arange(len(q)) - 0.5 * (len(q) - 1)
     level = q - q.mean(axis=0)
-    level -= np.outer(t, t @ level / (t @ t))  # without its straight line
+    level -= np.outer(t, t @ level / (t @ t))  # subtracts the straight line
     return np.abs(np.fft.rfft(level.T * blackman_harris(len(q)), SEGMENT, axis=1)) ** 2
 
 
 @cache
 def blackman_harris(length: int) -> Float[np.ndarray, " length"]:
-    """Window of Blackman and Harris; its side lobes of −92 dB keep the motion out of the noise
+    """Blackman–Harris window; with side lobes of −92 dB, motion does not leak into the noise
     floor."""
     turns = np.outer(np.arange(length), np.arange(len(_BLACKMAN_HARRIS)))
     return np.cos(2 * np.pi / length * turns) @ _BLACKMAN_HARRIS

@@ -1,4 +1,4 @@
-"""The first pass over a log, which checks every row before anything is computed from it."""
+"""First pass over a log: checks every row before anything is computed from it."""
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
@@ -25,12 +25,12 @@ from deltaid.recording.table import recut
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.time.doubts import doubts_about_stamps
 
-# No rotary arm turns half a revolution from the middle of its range; larger numbers are degrees.
+# Largest angle of an arm from the middle of its range [rad]; larger numbers are degrees.
 _LARGEST_ARM_ANGLE = np.pi
-# Number of the first row, rows, their poses, which of these exist, spectra of positions: results of
-# a batch that do not need earlier rows.
+# Results of a batch that do not depend on earlier rows: number of the first row, rows, their poses,
+# which of these exist, spectra of positions.
 Surveyed = tuple[int, Rows, Stretch, Bool[np.ndarray, " rows"], SpectrumEstimate]
-# A larger step between two samples [rad] is a jump of the reading, not a motion.
+# Largest step of a motion between two samples [rad]; a larger one is a jump of the reading.
 _JUMP = 0.75 * 2 * np.pi
 
 
@@ -41,7 +41,7 @@ class Survey:
         self.table, self.columns, self.kinematics = table, columns, kinematics
         self.last_q = np.zeros((0, kinematics.dof))
         self.low, self.high = np.array(np.inf), np.array(-np.inf)
-        # Rows without a number of each sensor's channel, and the first of these.
+        # For each sensor's channel, number of rows without a number, and the first such row.
         self.empty = np.zeros((2, len(columns.all[columns.sensor_places])), dtype=int)
         self.warnings, self.jumps = list[Doubt](), list[tuple[int, int, float]]()
         self.begin_again()
@@ -54,7 +54,7 @@ class Survey:
         self.loads = LoadSearch(table, columns)
 
     def begin_again(self) -> None:
-        """Reset checks that compare distant rows, which hold for evenly spaced samples only."""
+        """Reset the checks that need evenly spaced samples."""
         c = self.columns
         self.spectrum = spectrum_of(np.zeros((0, self.kinematics.dof)))
         pairs = ((c.position, c.velocity), (c.velocity, c.acceleration))
@@ -62,7 +62,7 @@ class Survey:
         self.derivatives = DerivativeCheck(columns)
 
     def look(self, batch: tuple[int, Rows]) -> Surveyed:
-        """Poses, valid or not, and spectra of a batch.
+        """Compute poses, valid or not, and spectra of a batch.
 
         Raises:
             RecordingError: a number is beyond its bound.
@@ -78,7 +78,7 @@ class Survey:
         """Check consecutive rows with the results of `look`.
 
         Raises:
-            RecordingError: with the first impossible row.
+            RecordingError: names the first impossible row.
         """
         row, values, stretch, good, spectrum = batch
         apart = self.clock.add(values[:, 0])
@@ -152,7 +152,7 @@ class Survey:
                 where=self.table.row_place(row + i),
                 cure="remove such rows, which are then bridged, and inspect encoder and bus",
             )
-        if self.search is None and self.clock.steady:  # of a plan, speeds are smooth
+        if self.search is None and self.clock.steady:  # the speeds of a plan are smooth
             faster = np.diff(steps, axis=0, prepend=steps[:1])
             for i, drive, rows in off_course(faster):
                 size = steps[i : i + rows, drive].sum() - rows * steps[i - 1, drive]
@@ -232,7 +232,7 @@ class Survey:
             )
 
     def _check_sensors(self) -> Iterator[Doubt]:
-        """Doubts about rows without a number; refuses columns of no number or one only."""
+        """Doubts about rows without a number; refuses columns without numbers or with one value."""
         samples, places = self.clock.samples, self.columns.sensor_places
         named = [(s.name, c.column) for s in self.columns.sensors for c in s.channels]
         ends = zip(self.low[places], self.high[places], *self.empty.tolist(), strict=True)

@@ -1,13 +1,12 @@
 """Checks of a survey: bounds of numbers, velocities against positions, time stamps.
 
-Wrong units and broken rows give numbers that no recording of a robot has. A recording may exceed
-the limits of the description, but not a hundredfold; other bounds are beyond any machine of this
-class.
+Wrong units and broken rows give numbers that no recording of a robot has. Bounds are a hundred
+times the limits of the description; without limits, they are beyond any machine of this class.
 
-Velocities are compared with the derivatives of positions, which reveals wrong units, signs and
-order. Over stretches of a few hundredths of a second encoder steps and noise count little: with the
-change Δq of position and the integral ∫v dt of velocity, k = Σ ∫v dt Δq / Σ Δq² is 1 if both
-columns are declared correctly.
+Comparing velocities with the derivatives of positions reveals wrong units, signs and order. Over
+stretches of a few hundredths of a second, encoder steps and noise matter little: with the change Δq
+of position and the integral ∫v dt of velocity, k = Σ ∫v dt Δq / Σ Δq² is 1 if both columns are
+declared correctly.
 """
 
 from collections.abc import Iterator
@@ -28,39 +27,39 @@ from deltaid.recording.units import MOST_WRONG, SI_UNITS
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.part import LARGEST
 
-# Factor by which a described limit may be exceeded.
+# Factor by which a recording may exceed a described limit.
 FACTOR = 100.0
-# Largest magnitudes of a turning drive and of a sliding one, in SI units.
+# Largest magnitudes of turning and of sliding drives [SI units].
 _HIGHEST: dict[Quantity, tuple[float, float]] = {
     "position": (1e5, 100.0),
     "velocity": (1e3, 300.0),
     "acceleration": (1e6, 1e6),
     "torque": (1e6, 1e7),
 }
-# Rates are compared with their columns over so long [s]; motion is slower.
+# Length of the stretches over which rates are compared with changes [s]: short against a motion.
 STRETCH = 0.02
-# Squared correlation above which columns must agree in scale, and below which they hardly belong to
-# the same drive.
+# Squared correlation above which columns must agree in scale, and below which they are unlikely to
+# belong to the same drive.
 _TOGETHER, _APART = 0.9, 0.3
-# Ratios of scales that count as equal.
+# Range of ratios of scales that count as equal.
 _SCALE = (0.8, 1.25)
 # Rms of Δq below which a drive counts as resting [rad, rad/s].
 _SLIGHT = 1e-3
-# Unit of times that are days, as a spreadsheet writes dates, and the other cure.
+# Unit of times in days, as spreadsheets write dates, and the other possible fix.
 _OF_DAYS = ("86400 s", "give the sampling rate in its place (time: {rate: 1000})")
-# Factors of wrong units.
+# Factors between SI units and units that are easily confused with them.
 _LIKELY = {"degrees": 180 / np.pi, "rpm": 30 / np.pi}
-# Up to so many rows are off their course if the position goes there and back by so many times its
-# largest change within so many rows before or after, and its smallest change of all.
+# Wrong readings: most rows, least ratio of their jump there and back to the largest other change
+# nearby and to the column's smallest change, and rows on either side that are nearby.
 _LOST, _OFF, _AROUND = 3, 12.0, 16
-# A motion is slower in all but so few of its steps.
+# Share of all steps that a jump exceeds.
 _FAST = 0.99
-# A step is uneven if it differs from the usual one by more than this share.
+# Relative deviation from the usual step above which a step is uneven.
 UNEVEN = 0.05
 
 
 class DerivativeCheck:
-    """Running check of pairs of columns: the second should be the rate of the first."""
+    """Running check of pairs of columns whose second is the rate of the first."""
 
     def __init__(self, names: list[tuple[str, str]]) -> None:
         self._names = names
@@ -76,7 +75,7 @@ class DerivativeCheck:
         if not self._names or len(time) < 2:
             return
         step = np.diff(time)
-        share = min(STRETCH / float(time[-1] - time[0]), 2.0)  # above 1 there is nothing to compare
+        share = min(STRETCH / float(time[-1] - time[0]), 2.0)  # above 1 nothing can be compared
         every = max(1, round(share * len(step)))
         area = 0.5 * (rate[1:] + rate[:-1]) * step[:, None]
         integral = np.vstack([np.zeros(area.shape[1]), np.cumsum(area, axis=0)])
@@ -86,7 +85,7 @@ class DerivativeCheck:
         self._stretches += len(change)
 
     def warnings(self, where: str) -> Iterator[Doubt]:
-        """Doubts about pairs of columns.
+        """Doubts about rates that hardly correlate with the changes of their columns.
 
         Raises:
             RecordingError: a rate correlates with its column, but has another scale or sign.
@@ -120,7 +119,7 @@ def _is_one(scale: float) -> bool:
 
 
 class Bounds:
-    """Bounds of the magnitude of time and drives' channels, in the order of `Columns.all`."""
+    """Largest magnitudes of time and of the drives' channels, in the order of `Columns.all`."""
 
     def __init__(self, table: LogTable, columns: Columns, robot: RobotDescription) -> None:
         self._table, self._columns = table, columns
@@ -128,7 +127,7 @@ class Bounds:
         for quantity, highest in _HIGHEST.items():
             for drive, _ in zip(robot.drives, getattr(columns, quantity), strict=False):
                 slides, described = robot.is_linear(drive), robot.limits_of(drive)
-                # Not of positions, which may be wrapped.
+                # Positions have no stated bound, because they may be wrapped.
                 stated = {
                     "velocity": described.top_speed,
                     "acceleration": described.top_acceleration,
@@ -140,10 +139,13 @@ class Bounds:
         self._largest, self._units = np.array(largest), units
 
     def check(self, values: Float[np.ndarray, "rows channels"], row: int) -> None:
-        """Refuse the first row with a number beyond its bound; `row` numbers the first one.
+        """Refuse numbers beyond their bounds.
+
+        Args:
+            row: number of the first row.
 
         Raises:
-            RecordingError: with row, column, number and bound.
+            RecordingError: names row, column, number and bound.
         """
         values = values[:, : len(self._largest)]
         for i, k in np.argwhere(np.abs(values) > self._largest)[:1].tolist():
@@ -158,7 +160,7 @@ class Bounds:
 
 
 def off_course(steps: Float[np.ndarray, "steps drives"]) -> Iterator[tuple[int, int, int]]:
-    """A few rows whose number is off its course, as (first, column, rows): a reading, not a motion.
+    """Wrong readings: jumps there and back within a few rows, as (first row, column, rows).
 
     Args:
         steps: changes of numbers from row to row; 0 where time jumps.
@@ -181,10 +183,10 @@ def off_course(steps: Float[np.ndarray, "steps drives"]) -> Iterator[tuple[int, 
 
 
 def joints(steps: Float[np.ndarray, "steps drives"]) -> Iterator[tuple[int, int]]:
-    """Steps that no motion makes, and after which numbers stay, as (row, column): recordings were
-    joined there, or rows are missing.
+    """Jumps from which numbers do not return, as (row, column): recordings were joined there, or
+    rows are missing.
 
-    Where rows repeat the one before them, a robot only catches up.
+    Steps after a repeated row do not count: they catch up on the motion.
 
     Args:
         steps: changes of numbers from row to row; 0 where time jumps.
@@ -204,15 +206,15 @@ def joints(steps: Float[np.ndarray, "steps drives"]) -> Iterator[tuple[int, int]
 
 
 class ClockCheck:
-    """Running check of time stamps: whether they are steady, and whether they are a time at all.
+    """Running check of time stamps: whether they are a time, and steady.
 
     Attributes:
         table, column: the log and its time column.
-        samples: rows so far.
+        samples: number of rows so far.
         step: median time between two rows [s].
-        period: the same, also if rows share stamps [s].
-        first_time, last_time: of the rows so far [s].
-        uneven, backward, forward: steps that are uneven, negative, positive.
+        period: usual time between two rows [s]; positive also if most rows share stamps.
+        first_time, last_time: first and last stamp so far [s].
+        uneven, backward, forward: numbers of uneven, negative and positive steps.
     """
 
     def __init__(self, table: LogTable, column: str) -> None:
@@ -223,17 +225,17 @@ class ClockCheck:
 
     @property
     def steady(self) -> bool:
-        """Whether all steps are equal, so that nothing is missing."""
+        """Whether all steps are equal, so that no row is missing."""
         return not self.uneven
 
     @property
     def clock(self) -> Clock:
-        """The clock of a steady recording, with the mean rate."""
+        """Clock of a steady recording, with the mean rate."""
         period = (self.last_time - self.first_time) / (self.samples - 1)
         return Clock(period, self.samples, self.first_time, self.last_time)
 
     def add(self, time: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " runs"]:
-        """Add stamps of consecutive rows; returns the rows at which time jumps, from 0."""
+        """Add stamps of consecutive rows; returns the rows of this call at which time jumps."""
         steps = np.diff(time, prepend=self.last_time)
         known = steps[~np.isnan(steps)]
         if not self.step and known.size:
@@ -255,7 +257,7 @@ class ClockCheck:
         """Refuse a column that is no time.
 
         Raises:
-            RecordingError: it hardly changes, runs backwards or jumps, or there are too few rows.
+            RecordingError: the column hardly changes or runs backwards, or rows are too few.
         """
         where, samples = str(self.table.path), self.samples
         if samples < 2:
@@ -285,7 +287,7 @@ def require_rate(table: LogTable, column: str, rate: float, *, differentiated: b
     """Refuse an impossible rate, or one at which positions cannot be differentiated.
 
     Raises:
-        RecordingError: with the limit.
+        RecordingError: names the limit.
     """
     slow = differentiated and rate < LOWEST_RATE
     if slow or rate > HIGHEST_RATE:

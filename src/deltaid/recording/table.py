@@ -1,6 +1,6 @@
 """Reads logs of any kind of file in batches of constant memory.
 
-To add a kind, write a module of `formats/` that opens it, and add it to `FORMATS`.
+To add a kind of file, write a module in `formats/` that opens it, and add it to `FORMATS`.
 """
 
 import os
@@ -30,29 +30,29 @@ from deltaid.recording.source import BATCH_ROWS, CHUNK, Column, LogTable, Rows, 
 from deltaid.recording.time.counts import Unwrapper, in_seconds, unwrappers
 from deltaid.robot.part import LARGEST
 
-# First bytes of files that are none of these.
+# First bytes of kinds of files that are not supported.
 _FOREIGN = {
     rb"PK\x03\x04": "an Excel workbook or a ZIP archive",
     rb"\xd0\xcf\x11\xe0": "an old Excel workbook",
     rb"(?:\xef\xbb\xbf)?\s*(?:\{|\[\s*[\[{])": "JSON",
     rb"(?i)(?:\xef\xbb\xbf)?\s*<(?:\?xml|!doctype|html)": "XML or a web page",
 }
-# States written as text.
+# Words for states 1 and 0.
 _TRUE, _FALSE = ("true", "on"), ("false", "off")
 
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file.
+    """One kind of file.
 
     Attributes:
-        name: such as 'a Parquet file'.
-        claims: whether a file is of this kind, by its signature: takes its first bytes without
-            compression, empty for a folder; and the file or folder.
-        open: reads the file's fields, but no numbers. Raises a RecordingError if it is damaged, or
-            the library that reads it is missing.
-        suffixes: of files of this kind, if no signature is known.
-        unpacks: whether it reads files compressed as a whole by gzip or zstd.
+        name: name for messages, such as 'a Parquet file'.
+        claims: returns whether a file is of this kind by its signature, given its first unpacked
+            bytes (none for a folder) and its path.
+        open: reads the file's fields, but no numbers. Raises a RecordingError if the file is
+            damaged, or if the library that reads it is missing.
+        suffixes: suffixes of such files, for those without a known signature.
+        unpacks: whether `open` reads files that are compressed as a whole by gzip or zstd.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Format:
     unpacks: bool = False
 
 
-# In the order of their checks; CSV, which has no signature, is the last resort.
+# Kinds of files in the order of their checks; CSV has no signature and comes last.
 FORMATS = (
     Format(
         "a Parquet file",
@@ -89,7 +89,7 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
 
     Raises:
         RecordingError: the file is missing, empty, cannot be read, or is of no known kind.
-        DeltaidError: the process has lost its threads, as of `require_threads`.
+        DeltaidError: the process has lost its threads (`require_threads`).
     """
     require_threads()
     if "\0" in str(path):
@@ -117,7 +117,7 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
 def read_batches(
     table: LogTable, columns: Columns, unwrapping: Sequence[Unwrapper] = ()
 ) -> Iterator[Float[np.ndarray, "rows channels"]]:
-    """The rows of a log in SI units, batch by batch, columns as in `Columns.all`.
+    """Rows of a log in SI units, batch by batch, columns as in `Columns.all`.
 
     Batches have the same rows for all kinds of files.
 
@@ -156,18 +156,18 @@ def _in_si(
 def to_si(
     table: LogTable, columns: Columns, rows: Rows, row: int, unwrapping: Sequence[Unwrapper]
 ) -> Float[np.ndarray, "rows channels"]:
-    """Consecutive rows in SI units.
+    """Convert consecutive rows to SI units.
 
     Sensors without a number, or with an impossible one, are NaN.
 
     Args:
         table, columns: the log and its columns.
-        rows: the numbers of all of these columns.
+        rows: numbers of all of these columns.
         row: number of the first row.
-        unwrapping: unwraps counters and angles.
+        unwrapping: unwrappers of time and positions.
 
     Raises:
-        RecordingError: one of them is not finite; names the first such row.
+        RecordingError: a number is not finite; names the first such row.
     """
     channels = columns.all
     values = np.empty((rows.size, len(channels)), order="F")
@@ -183,7 +183,7 @@ def to_si(
             if channel.scale != 1:
                 values[:, k] *= channel.scale
     shown = values[:, columns.sensor_places]
-    # Larger numbers mean no number, such as the 1e38 of some loggers.
+    # Some loggers write a huge number, such as 1e38, for a missing one.
     shown[~(np.abs(shown) <= LARGEST)] = np.nan
     finite = np.isfinite(values)
     finite[:, columns.sensor_places] = True
@@ -194,7 +194,7 @@ def to_si(
 
 
 def _states(numbers: np.ndarray, written: Column) -> Float[np.ndarray, " rows"]:
-    """Numbers of a state, with 1 and 0 for text such as true and false."""
+    """Numbers of a state; words such as true and false become 1 and 0."""
     if not isinstance(written, pl.Series) or written.dtype != pl.String:
         return np.asarray(numbers, dtype=np.float64)
     text = written.str.strip_chars().str.to_lowercase()
@@ -230,12 +230,12 @@ def recut(
 def padded(
     segment: Iterable[Float[np.ndarray, "_ _"]], before: int, after: int, columns: Columns
 ) -> Iterator[Float[np.ndarray, "_ _"]]:
-    """A segment extended by copies of its end rows, without time and weight.
+    """Extend a segment by copies of its end rows, with time NaN and weight 0.
 
     Args:
-        segment: evenly spaced rows in blocks: `columns`, at the end a weight (or a mark) a drive.
-        before, after: how many rows beyond the ends.
-        columns: of the rows.
+        segment: evenly spaced rows in blocks: `columns`, at the end a weight or mark per drive.
+        before, after: number of rows beyond the first and the last row.
+        columns: columns of the rows.
     """
     drives = len(columns.torque)
     blocks = (block for block in segment if len(block))

@@ -1,11 +1,11 @@
 """Units of columns, their factors to SI, and units that follow from the numbers.
 
-The registry has only these units, and angle is a dimension of its own, so counts, per cent or 1/min
-are refused as angles. Text passes a narrow grammar before pint parses it: an optional number, then
-names with small powers, so that no file can make it compute more than a product.
+The registry has only the units below, and angle is a dimension, so counts, per cent or 1/min are
+refused as angles. Before pint parses a text, a narrow grammar must match: an optional number, then
+names with small powers. So no file can make pint compute more than a product.
 
-The first numbers of columns show whether one is a time, and in which unit, and whether velocities
-are derivatives of positions, from which a missing unit follows.
+The first numbers of a column show whether it is a time, and in which unit. If velocities are the
+derivatives of positions, a missing unit follows from the others.
 """
 
 import math
@@ -53,9 +53,9 @@ pound_force_inch = pound_force * inch = inlbf = lbfin = inlb = lbin = in_lb = lb
 ounce_force_inch = ounce_force * inch = ozin = inoz = oz_in = in_oz
 ampere = [current] = A
 """
-# Masses, and the forces that people mean by them.
+# Units of mass that are often given for forces, and the units of force that are meant.
 _MASSES = {"kg": "kgf", "g": "gf", "lb": "lbf", "lbs": "lbf", "oz": "ozf"}
-# SI units of quantities: of drives that turn, and of those that slide.
+# SI units of quantities: for turning drives, then for sliding ones.
 SI_UNITS = {
     "time": ("s",),
     "position": ("rad", "m"),
@@ -72,15 +72,16 @@ _GRAMMAR = re.compile(
     rf"(?P<unit>{_NAME}(?:[ ]?[*·./ ][ ]?{_NAME}){{0,4}})"
 )
 Signal = Float[np.ndarray, " rows"]
-# A column is no time if a larger share of its stamps goes back, or is far off its neighbours.
+# Largest share of a time's stamps that go back, or are far off their neighbours.
 MOST_WRONG = 0.2
-# Steps that fit one unit only at rates of 10 Hz to 20 kHz: s up to steps that would be 100 kHz in
-# ms; ms where s would be slower than 10 Hz and steps are no cycles; ns where ticks of 100 ns would
-# be slower.
+# Units with the steps that fit no other unit at rates of 10 Hz to 20 kHz. In ms the first would be
+# above 100 kHz. In s the second would be below 10 Hz, and counts of cycles would be whole. In ticks
+# of 100 ns the third would be below 10 Hz.
 _STEPS = (("s", 5e-5, 0.0100001), ("ms", 0.11, 0.9), ("ns", 1.1e6, 1e8))
-# Rows on either side of one over which a motion is smooth: derivatives and polynomials span them.
+# Rows on either side that derivatives and interpolation span: a motion is smooth over them.
 SIDE = 4
-# Least correlation of a derivative, and largest difference of factors of drives or units.
+# Least correlation of velocities with derivatives of positions, and largest relative difference of
+# their ratios between drives, or from the ratio of the units.
 _SAME, _APART = 0.98, 0.03
 _UNITS = {
     ("time", False): ("s", "ms", "us", "ns"),
@@ -99,14 +100,14 @@ def si_factor(
     torque_constant: float | None = None,
     cure: str = "",
 ) -> float:
-    """The factor from values in `unit` to values in `target`.
+    """Factor from values in `unit` to values in `target`.
 
     Args:
-        unit: such as 'deg', 'rpm', 'mN*m', '0.0235 N*m' or '360/65536 deg'.
-        target: the SI unit wanted.
-        torque_constant: N m per A, for a current in place of a torque.
-        where: file and key for messages.
-        cure: fix of a wrong unit, in place of that for drives.
+        unit: a unit such as 'deg', 'rpm', 'mN*m', '0.0235 N*m' or '360/65536 deg'.
+        target: an SI unit.
+        torque_constant: torque constant [N m/A], for a current in place of a torque.
+        where: file and key, for messages.
+        cure: fix of a wrong unit; by default that for drives.
 
     Raises:
         RecordingError: the unit is unknown, or of another quantity.
@@ -148,7 +149,7 @@ def si_factor(
 
 
 def factor_among(unit: str, *targets: str) -> float | None:
-    """The factor to the first SI unit that a unit converts to; None if there is none."""
+    """Factor to the first of the SI units that a unit converts to; None if it converts to none."""
     for target in targets:
         try:
             return si_factor(unit, target, where="")
@@ -162,7 +163,7 @@ def is_unit(unit: str) -> bool:
 
 
 def _parsed(unit: str) -> tuple[float, Any] | None:
-    """The number before a unit, and the unit as a quantity; None if it is unknown."""
+    """Number before a unit, and the unit as a quantity; None if the unit is unknown."""
     import pint
 
     match = _GRAMMAR.fullmatch(unit.strip())
@@ -186,7 +187,7 @@ def _registry() -> Any:
 
 
 def time_unit(start: Signal | None) -> str | None:
-    """The only unit that fits a column as a time; empty if several fit; None if it is no time."""
+    """The only unit of time that fits a column; empty if several fit; None if it is no time."""
     start = None if start is None else start[np.isfinite(start)]
     if start is None or len(start) < 2:
         return ""
@@ -200,7 +201,7 @@ def time_unit(start: Signal | None) -> str | None:
 def derivative_factor(
     time: Signal, positions: Sequence[Signal | None], velocities: Sequence[Signal | None]
 ) -> float | None:
-    """Ratio of the derivatives of positions to velocities; None if these are no derivatives, or
+    """Ratio of the derivatives of positions to velocities; None if they do not correlate, or
     nothing moves."""
     factors = list[float]()
     for position, velocity in zip(positions, velocities, strict=True):
@@ -224,13 +225,13 @@ def derivative_factor(
 def fitting_units(
     factor: float, units: tuple[str, str, str], unknown: str, *, slides: bool = False
 ) -> list[str]:
-    """Units of the unknown quantity with which velocities are the derivatives of positions.
+    """Units of a quantity for which velocities are the derivatives of positions.
 
     Args:
-        factor: of `derivative_factor`.
-        units: of position, velocity and time.
-        unknown: which of these is unknown; empty to check whether all three fit, which returns the
-            unit of time or nothing.
+        factor: result of `derivative_factor`.
+        units: units of position, velocity and time.
+        unknown: the quantity with an unknown unit; empty to check all three units, which returns
+            the unit of time if they fit.
         slides: whether the drives slide.
     """
     place = ("position", "velocity", "time").index(unknown) if unknown else 2

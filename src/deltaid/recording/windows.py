@@ -1,17 +1,17 @@
-"""Turns rows of a segment into windows of samples (z, q̇, q̈, τ), filtered where needed.
+"""Converts rows of a segment to windows of samples (z, q̇, q̈, τ), filtered where needed.
 
 A segment is a run of rows without a gap. No filter reaches beyond its ends.
 
-Friction changes its sign with the speed ϑ̇. With noise on positions, and channels that are read at
-slightly different instants, the time of a reversal is known to about a sample; torque and model of
-the rows about it may differ by the whole friction. A row is excluded where
+Friction changes its sign with the speed ϑ̇. Positions have noise, and channels are read at slightly
+different instants, so the time of a reversal is known to about one sample. Near it, torque and
+model may differ by the whole friction. A row is excluded where
 
     |ϑ̇| ≤ δ |ϑ̈| + 3 σ,
 
-with the time δ between torques and positions, at most a millisecond and at most a sample, and the
-standard deviation σ of ϑ̇ from noise of positions after the filter: for a drive in its own row, for
-a passive joint in the rows of all drives that move it. If a drive's torque is interpolated, δ is
-longer by the samples under it.
+with the time δ between torques and positions, at most one millisecond and one sample, and the
+standard deviation σ of ϑ̇ due to noise of positions behind the filter. A drive excludes its own row,
+a passive joint the rows of all drives that move it. If a drive's torque is interpolated, δ is
+longer by the samples over which it is interpolated.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -29,20 +29,20 @@ from deltaid.recording.table import recut
 
 # Largest time between torques and positions of a row [s].
 _SAME = 1e-3
-# Samples of a window: many against the filter's length, few against memory, and no power of two,
-# because rows of an array a power of two apart share lines of the cache.
+# Samples per window: many against the filter's length, few against memory, and not a power of two,
+# because rows of an array a power of two apart compete for the same cache lines.
 WINDOW = 8000
 Values = Float[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """Which directions of motion are certain near reversals.
+    """Decides where the directions of motion are certain near reversals.
 
     Attributes:
         period: time between two samples [s].
         noise: σ of each drive's speed [rad/s or m/s].
-        smear: samples to either side over which torques are interpolated; empty for none.
+        smear: samples to either side over which torques are interpolated; empty if none are.
     """
 
     period: float
@@ -57,10 +57,10 @@ class Directions:
         qdd: Float[np.ndarray, "samples dof"],
         within: float = _SAME,
     ) -> Bool[np.ndarray, "samples dof"]:
-        """Whether a drive's row has certain directions of all its joints with friction.
+        """Whether all joints with friction in a drive's row have certain directions.
 
         Args:
-            within: longest δ [s].
+            within: largest δ [s].
         """
         robot, apart = kinematics.robot, np.full(qd.shape[1], min(self.period, within))
         if self.smear:
@@ -80,15 +80,14 @@ class Directions:
 
 @dataclass(frozen=True, eq=False)
 class SampleBlock:
-    """Consecutive samples in rows, evenly spaced.
+    """Consecutive, evenly spaced samples in rows.
 
     Attributes:
         time [s], z, qd, qdd: the motion; filtered if there is a filter.
-        tau: drive torques as recorded, unfiltered, without those of held loads; no columns if the
-            log has none.
-        weights: of each drive's torque, between 0 and 1; no columns without torques.
+        tau: drive torques as recorded minus `carried`, unfiltered; no columns if the log has none.
+        weights: weight of each drive's torque, between 0 and 1; no columns without torques.
         extra: extra columns as in `Columns.extra`, unfiltered.
-        carried: torques of held loads.
+        carried: drive torques of held loads and external causes.
     """
 
     time: Float[np.ndarray, " samples"]
@@ -104,15 +103,15 @@ class SampleBlock:
         return SampleBlock(*(getattr(self, field.name)[which] for field in fields(self)))
 
     def weighted(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:
-        """Channels (channels, samples) times the weights of the drives that they belong to.
+        """Multiply channels (channels, samples) by the weights m of their drives.
 
-        m τ = m Y p holds sample by sample, so samples are excluded here, at the full rate, before a
+        m τ = m Y p holds sample by sample, so samples are excluded at the full rate, before a
         filter spreads them.
         """
         return self.weigh(values.copy(), drives)
 
     def weigh(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:
-        """The same in place."""
+        """Do as `weighted`, but in place."""
         part = np.flatnonzero((self.weights != 1.0).any(axis=1))
         values[:, part] *= self.weights[part].T[drives]
         return values
@@ -120,15 +119,15 @@ class SampleBlock:
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A stretch of a recording, ready for computations.
+    """A part of a recording, ready for computations.
 
     Attributes:
         start: number of samples in earlier windows.
-        own: its samples; those of all windows make up the recording.
-        wide: its samples and more at either end, for values that are filtered.
+        own: samples of this window; those of all windows make up the recording.
+        wide: `own` and further samples at either end, which the filter needs.
         low_pass: the filter; `no_filter` if velocities and accelerations are recorded.
-        off: recorded minus filtered positions, at the wide samples.
-        turning: own samples of each drive that are excluded only because a joint reverses.
+        off: recorded minus filtered positions at the wide samples [rad or m].
+        turning: for each drive, number of own samples excluded only because a joint reverses.
     """
 
     start: int
@@ -139,21 +138,21 @@ class Window:
     turning: Int[np.ndarray, " torques"]
 
     def filtered(self, of: Callable[[SampleBlock], Values]) -> Values:
-        """The low-pass over a function of samples, thinned as the cut-off allows.
+        """Filter a function of the samples by the low-pass, thinned as the cut-off allows.
 
         Args:
-            of: returns (channels, samples). With two stages of the filter it is evaluated part by
-                part, of which few samples remain.
+            of: returns (channels, samples). With a filter of two stages it is evaluated part by
+                part, because few samples of each part remain.
         """
         parts = [self.low_pass.leading(of(part)) for part in self._parts()]
         values = parts[0] if len(parts) == 1 else np.hstack(parts)  # no copy of a whole window
         return apply(self.low_pass.smooth, values, self.low_pass.decimation)
 
     def smoothed(self, x: Float[np.ndarray, "channels wide"], *, thinned: bool = False) -> Values:
-        """The low-pass over values at the `wide` samples.
+        """Filter values at the `wide` samples by the low-pass.
 
         Args:
-            thinned: whether it is thinned as by `filtered`, else to every `stride`-th own sample.
+            thinned: whether to thin as `filtered` does, else to every `stride`-th own sample.
         """
         every = self.low_pass.decimation if thinned else 1
         return apply(self.low_pass.smooth, self.low_pass.leading(x), every)
@@ -161,13 +160,12 @@ class Window:
     def counted(
         self, every: int, weights: Float[np.ndarray, "channels wide"] | None = None
     ) -> Float[np.ndarray, "channels kept"]:
-        """Share of the noise's power that weights m keep: Σ (h m)² / Σ h², h the low-pass.
-
-        It is the weight of each filtered sample, for every channel.
+        """Weight of each filtered sample of every channel: the share of the noise's power that
+        weights m keep, Σ (h m)² / Σ h², with the low-pass h.
 
         Args:
-            every: decimation of own samples: the filter's `stride` or `thinned`.
-            weights: of channels at the wide samples; those of the drives' torques by default.
+            every: decimation of own samples, the filter's `stride` or `thinned`.
+            weights: weights of channels at the wide samples; by default those of the torques.
         """
         weights = self.wide.weights.T if weights is None else weights
         if np.all(weights == 1.0):
@@ -175,12 +173,12 @@ class Window:
         return apply(self.low_pass.power, weights**2, every)[:, : -(-len(self.own.time) // every)]
 
     def trimmed(self, x: Shaped[np.ndarray, "wide ..."]) -> Shaped[np.ndarray, "own ..."]:
-        """Values at the `wide` samples, unfiltered, at the own samples."""
+        """Those of the values at the `wide` samples that belong to own samples, unfiltered."""
         lost = self.low_pass.lead_half + self.low_pass.stride * self.low_pass.half
         return x[lost : lost + len(self.own.time)]
 
     def _parts(self) -> Iterator[SampleBlock]:
-        """`wide` in parts from which the first stage makes consecutive samples."""
+        """Cut `wide` into parts whose outputs of the first stage are consecutive."""
         lead, stride = len(self.low_pass.lead), self.low_pass.stride
         size = len(self.wide.time) if stride == 1 else -(-WINDOW // stride) * stride
         for start in range(0, len(self.wide.time) - lead + 1, size):
@@ -188,14 +186,14 @@ class Window:
 
 
 def blocks(rows: Iterable[Rows], low_pass: LowPass) -> Iterator[Rows]:
-    """Rows of a segment as blocks, from which windows are made independently."""
+    """Rows of a segment in overlapping blocks, from each of which a window is made."""
     overlap = low_pass.reach
     size = -(-rows_at_once(overlap) // low_pass.thinned) * low_pass.thinned
     return recut(rows, size, overlap)
 
 
 def rows_at_once(overlap: int) -> int:
-    """Rows by which blocks that share `overlap` rows advance: of a window, or twice the overlap."""
+    """Rows by which blocks that share `overlap` rows advance: a window, or twice the overlap."""
     return max(WINDOW, 2 * overlap)
 
 
@@ -208,15 +206,16 @@ def window_of(
     directions: Directions | None,
     burden: Callable[..., Values] | None,
 ) -> Window:
-    """The window of some rows, columns as in `Columns.all`, then one weight a drive.
+    """Window of consecutive rows.
 
-    Velocities and accelerations that are not recorded come from differentiating the highest
-    derivative that is, through the filter; with `no_filter` both must be recorded.
+    The filter differentiates the highest recorded derivative to those that are not recorded; with
+    `no_filter` velocities and accelerations must be recorded.
 
     Args:
+        rows: columns as in `Columns.all`, then one weight per drive.
         start: number of samples in earlier windows.
-        directions: which are certain; None if all rows count.
-        burden: torques to subtract, as `burden_of` makes it.
+        directions: decides which directions are certain; None if all rows count.
+        burden: torques to subtract, as `burden_of` returns them.
     """
     c, first = columns, low_pass.first_row
     counts = [len(x) for x in (c.position, c.velocity, c.acceleration)]
@@ -242,7 +241,7 @@ def window_of(
 def _motion(
     low_pass: LowPass, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Filtered q, q̇ and q̈ in rows, from those that are recorded; the others have no columns."""
+    """Filtered q, q̇ and q̈ in rows; quantities that are not recorded have no columns."""
     orders = np.stack([low_pass.level, low_pass.first, low_pass.second])
 
     def derivatives(x: np.ndarray, count: int) -> list[np.ndarray]:

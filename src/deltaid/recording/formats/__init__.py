@@ -1,1 +1,1 @@
-"""Kinds of files, one module each, listed in `deltaid.recording.table.FORMATS`."""
+"""Kinds of files, one module each, which `deltaid.recording.table.FORMATS` lists."""

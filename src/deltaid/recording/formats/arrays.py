@@ -1,6 +1,6 @@
-"""Recordings of arrays, and files of NumPy.
+"""Tables of arrays, and files of NumPy.
 
-A `.npy` file is mapped into memory, a `.npz` archive is read member by member.
+A `.npy` file is mapped into memory; a `.npz` archive is read member by member.
 """
 
 import math
@@ -22,7 +22,7 @@ from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, damage, opened
 
-# Units of dates that are finer than the month, whose length is not even.
+# Units of dates with a constant length, unlike months and years.
 _UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")
 _KINDS = {
     "S": "text",
@@ -32,7 +32,7 @@ _KINDS = {
     "M": "dates",
     "m": "durations",
 }
-# Times by which deflate makes data smaller at best.
+# Largest compression ratio of deflate.
 DEFLATE_RATIO = 1100
 # Name of the array of a .npy file.
 _ONLY = "array"
@@ -53,12 +53,12 @@ _damage = partial(
 
 @runtime_checkable
 class Sliceable(Protocol):
-    """An array that is read part by part, in the order of its samples."""
+    """Array that is read part by part, in the order of its samples."""
 
     def __getitem__(self, index: tuple[slice, ...], /) -> np.ndarray: ...
 
 
-# Arrays by their names, and samples to read at a time.
+# Arrays by name, and number of samples to read at a time.
 Arrays = tuple[Mapping[str, Sliceable], int]
 
 
@@ -67,8 +67,8 @@ class ArrayTable(LogTable):
     """A file of arrays, read in steps along the samples.
 
     Attributes:
-        arrays: context manager with the arrays of some columns. Raises a RecordingError if the file
-            is damaged.
+        arrays: returns a context manager with the arrays of some columns, which raises a
+            RecordingError if the file is damaged.
     """
 
     arrays: Callable[[Sequence[Pick]], AbstractContextManager[Arrays]]
@@ -83,7 +83,7 @@ class ArrayTable(LogTable):
 
 
 def entries_of(dtype: Any) -> Iterator[tuple[tuple[str, ...], tuple[int, ...], Any]]:
-    """Path of names, additional axes and type of each plain entry of a type."""
+    """Path of names, additional axes and plain type of each entry of a type."""
     for name in dtype.names or ():
         for names, axes, plain in entries_of(dtype.fields[name][0]):
             yield (name, *names), axes, plain
@@ -110,7 +110,7 @@ def fields_of(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterat
 
 
 def parts_of(name: str, array: np.ndarray) -> dict[str, np.ndarray]:
-    """Arrays of `fields_of` by name, without a copy."""
+    """Arrays of the fields of `fields_of` by name, without a copy."""
     return {
         ".".join(filter(None, (name, *names))): reduce(lambda part, key: part[key], names, array)
         for names, _, _ in entries_of(array.dtype)
@@ -134,7 +134,7 @@ def _cut(
 
 
 def open_npy(path: Path, mapping: ColumnMapping) -> LogTable:
-    """A file of one array, called `array`, or of a structured array's columns."""
+    """Open a file of one array, called `array`, or of the columns of a structured array."""
     with _damage(path), opened(path) as file:
         shape, _, dtype = _header(file)
         claimed, size = math.prod(shape) * dtype.itemsize, path.stat().st_size - file.tell()

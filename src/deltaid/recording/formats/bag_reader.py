@@ -1,7 +1,7 @@
 """Reads messages of all kinds of ROS bags as bytes, and topics of joint states.
 
-Compressed bags, and bags with a suffix that rosbags does not know, are unpacked into a temporary
-folder each time they are read.
+On each pass, compressed bags are unpacked, and bags with a suffix that rosbags does not know are
+copied, into a temporary folder.
 """
 
 import shutil
@@ -27,10 +27,10 @@ _CURES = {
     ".mcap": "copy it again; if its recording was cut off, `mcap recover FILE -o NEW` repairs it",
 }
 _FOLDER_CURE = "copy it again; if its recording was cut off, `ros2 bag reindex FOLDER` repairs it"
-# Messages in memory at a time.
+# Number of messages in memory at a time.
 _CHUNK = 4096
 JOINT_STATE = "sensor_msgs/msg/JointState"
-# Quantities of mappings, units of turning joints, and default names.
+# For each quantity of a message: quantity in mappings, unit of turning joints, and default name.
 QUANTITIES = {
     "position": ("position", "rad", "q"),
     "velocity": ("velocity", "rad/s", "qd"),
@@ -40,11 +40,12 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag that is open.
+    """An open ROS bag.
 
     Attributes:
-        topics: names and types.
-        cdr: whether messages are in the encoding of ROS 2; else in that of ROS 1.
+        path: path of the bag.
+        topics: types of messages by topic.
+        cdr: whether messages are in the encoding of ROS 2, else in that of ROS 1.
     """
 
     path: Path
@@ -53,7 +54,7 @@ class Bag:
     _reader: Any
 
     def messages(self, topics: list[str]) -> Iterator[list[tuple[str, int, bytes]]]:
-        """All messages of some topics, in pieces: topic, when it was received [ns], its bytes.
+        """All messages of some topics, in pieces: topic, time of receipt [ns], bytes.
 
         Raises:
             RecordingError: the bag is damaged.
@@ -81,7 +82,7 @@ class Bag:
 
 
 def is_bag(start: bytes, path: Path) -> bool:
-    """Whether a file is a bag by its first bytes, or a folder holds one."""
+    """Whether a file is a bag by its first bytes, or whether a folder holds one."""
     if path.is_dir():
         return (path / "metadata.yaml").is_file() or bool(storage(path))
     return any(start.startswith(signature) for signature in _SUFFIXES)
@@ -89,10 +90,10 @@ def is_bag(start: bytes, path: Path) -> bool:
 
 @contextmanager
 def opened_bag(path: Path) -> Generator[Bag, None, None]:
-    """A bag open for reading.
+    """Open a bag for reading.
 
     Raises:
-        RecordingError: it is damaged, or the library rosbags is not installed.
+        RecordingError: the bag is damaged, or the library rosbags is not installed.
     """
     rosbag1, rosbag2 = (library(f"rosbags.rosbag{k}", "a ROS bag", path) for k in (1, 2))
     with ExitStack() as stack:
@@ -105,7 +106,8 @@ def opened_bag(path: Path) -> Generator[Bag, None, None]:
 
 
 def _readable_bag(path: Path, stack: ExitStack) -> Path:
-    """A folder with metadata, or an uncompressed file with the suffix of its kind."""
+    """Path that rosbags reads: a folder with metadata, or an uncompressed file with the suffix of
+    its kind."""
     if path.is_dir() and not (path / "metadata.yaml").is_file():
         files = storage(path)
         if len(files) != 1:
@@ -135,11 +137,11 @@ def storage(folder: Path) -> list[Path]:
 
 
 def _reporting(path: Path) -> AbstractContextManager[None]:
-    """Turn any error of the libraries that unpack a bag into one message.
+    """Convert any error of the libraries that read a bag to one message.
 
-    On damaged bytes they raise assertions, lookup, type, struct, codec and memory errors, and those
-    of libraries below, which change with versions. So all exceptions are caught, around calls of
-    these libraries only.
+    On damaged bytes they raise assertion, lookup, type, struct, codec and memory errors, and those
+    of their own dependencies, which change with versions. So all exceptions are caught, around
+    calls of these libraries only.
     """
     cure = _CURES.get(path.suffix, _FOLDER_CURE)
     return damage(path, Exception, "cannot be read as a ROS bag", cure)
@@ -147,12 +149,14 @@ def _reporting(path: Path) -> AbstractContextManager[None]:
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of joint states, by its first messages.
+    """A topic of joint states, described by its first messages.
 
     Attributes:
-        joints: joints with a number, for each quantity.
-        hollow: content of quantities without numbers.
-        first: the first stamp of a header that is not zero [ns]; 0 if all are.
+        name: name of the topic.
+        type: type of its messages.
+        joints: joints that have a number, by quantity.
+        hollow: what quantities without numbers hold instead, by quantity.
+        first: first header stamp that is not zero [ns]; 0 if all are zero.
         received: time of receipt of the first message [ns].
     """
 
@@ -165,7 +169,7 @@ class Topic:
 
     @property
     def fields(self) -> list[RecordedField]:
-        """One array per quantity, one column per joint."""
+        """Fields of the topic: one array per quantity, with one column per joint."""
         full = [
             RecordedField(f"{self.name}.{quantity}", (None, len(joints)), joints)
             for quantity, joints in self.joints.items()
@@ -180,10 +184,10 @@ class Topic:
 
 
 def topics_of(bag: Bag) -> list[Topic]:
-    """The topics of joint states that have messages.
+    """Topics of joint states that have messages.
 
     Raises:
-        RecordingError: there are none, or the bag is damaged.
+        RecordingError: no topic has messages of joint states, or the bag is damaged.
     """
     known = [name for name, kind in bag.topics.items() if kind in TYPES]
     topics = [topic for name in known if (topic := _topic(bag, name))]
@@ -223,7 +227,7 @@ def _topic(bag: Bag, name: str) -> Topic | None:
 
 
 def damaged(bag: Bag, topic: str, error: MessageError, before: int) -> RecordingError:
-    """Error of a message that does not fit its type, after `before` others of the topic."""
+    """Error for a message that does not fit its type, after `before` others of the topic."""
     return RecordingError(
         f"message {before + error.index + 1} of {visible(topic)} {visible(str(error))}",
         where=str(bag.path),

@@ -43,13 +43,13 @@ class _NameLine:
 
 
 def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
-    """Open a CSV file, of any layout.
+    """Open a CSV file of any layout.
 
-    Its names are in `mapping.header_row` if that is given, else in the first of 200 lines with the
-    names of time and positions.
+    Its names are in `mapping.header_row` if that is given, else in the first of the searched lines
+    that has the names of time and positions.
 
     Raises:
-        RecordingError: it is not text, or its header is missing.
+        RecordingError: the file is not text, or its header is missing.
     """
     with content(path) as file:
         lines = HeadLines(file, path)
@@ -111,7 +111,7 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Name
         row = _row_above_numbers(lines) or _after_comments(lines, 1)
     text = decoded(lines[row], f"{path}, row {row}")
     bare = _bare(text)
-    # A mark in a field of its own is the name of a column.
+    # A comment mark that fills a whole field is the name of a column.
     if _has_names(bare, needed) and not bare.lstrip(" ").startswith(SEPARATORS):
         text = bare
     separator = separator_of(text)
@@ -144,8 +144,8 @@ def _bare(text: str) -> str:
 
 
 def _row_above_numbers(lines: HeadLines) -> int | None:
-    """The first line of words above as many numbers, or above a row of units and numbers: foreign
-    names below a preamble."""
+    """First line of words above a line of as many numbers, or above a row of units and such a line:
+    unknown names below a preamble."""
     for row, line in lines.first(SEARCHED_LINES):
         separator = separator_of(as_text(line))
         names, *below = (cells_of(as_text(lines[row + k]), separator) for k in range(3))
@@ -178,7 +178,7 @@ def _after_comments(lines: HeadLines, row: int) -> int:
 
 
 def _units(line: bytes, header: _NameLine, mapping: ColumnMapping) -> dict[str, str]:
-    """Units of the columns that may be used, if the line below the names is a row of units."""
+    """Units of the columns that may be used; empty if the line is no row of units."""
     cells = cells_of(as_text(line), header.separator)
     if len(cells) != len(header.names) or any(cell and is_number(cell) for cell in cells):
         return {}

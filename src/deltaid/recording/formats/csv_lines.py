@@ -1,4 +1,4 @@
-"""Lines of a file of text: its head and its data in blocks of lines, cells and numbers.
+"""Lines of a text file: its head, its data in blocks of lines, cells and numbers.
 
 The head has comments and names. The file ends with data, or with lines of text such as END.
 """
@@ -19,15 +19,15 @@ from deltaid.errors import Doubt, RecordingError, visible
 from deltaid.recording.source import content, damage
 from deltaid.recording.time.counts import is_clock
 
-# Longest line [bytes]; files without line breaks are refused early.
+# Longest line [bytes], so that files without line breaks are refused early.
 _LONGEST_LINE = 1 << 20
-# Lines in which names, or the first data, are searched for.
+# Number of first lines in which names, or the first data, are searched.
 SEARCHED_LINES = 500
-# Bytes that are read at once.
+# Number of bytes that are read at once.
 _BLOCK_BYTES = 4 << 20
 SEPARATORS = ("\t", ";", ",")
 COMMENT = re.compile(r"\A\s*(?:#|%|//|;(?=[^;]*$))+")
-# The separator, for spreadsheets; the names show it as well.
+# Line that states the separator, for spreadsheets; it is ignored, because names show it too.
 _HINT = re.compile(rb'\A(?:\xef\xbb\xbf)?"?sep=.?"?\s*\Z', re.IGNORECASE)
 NO_LINE_BREAK = Doubt(
     "the last line has no line break, so its last number may be cut off",
@@ -44,7 +44,11 @@ class HeadLines:
         self._lines: list[bytes] = []
 
     def __getitem__(self, row: int) -> bytes:
-        """A line, counted from 1; empty beyond the end of the file."""
+        """Line by its number from 1; empty beyond the end of the file.
+
+        Raises:
+            RecordingError: the line is too long.
+        """
         while len(self._lines) < row:
             line = self._file.readline(_LONGEST_LINE)
             if len(line) == _LONGEST_LINE:
@@ -58,11 +62,11 @@ class HeadLines:
         return self._lines[row - 1]
 
     def first(self, rows: int) -> Iterator[tuple[int, bytes]]:
-        """At most so many lines with their rows, to the end of the file."""
+        """First `rows` lines with their numbers, or all lines of a shorter file."""
         return enumerate(takewhile(bool, (self[row] for row in range(1, rows + 1))), start=1)
 
     def data(self, first_row: int, separator: str) -> "TextData":
-        """The data from a row on; reads the file to its end."""
+        """Data from `first_row` on; reads the file to its end."""
         before = self[first_row - 1] if first_row > 1 else b""
         start = sum(map(len, self._lines[: first_row - 1]))
         tail = b"".join(self._lines[first_row - 1 :])
@@ -89,12 +93,13 @@ class HeadLines:
 
 @dataclass(frozen=True)
 class TextData:
-    """Lines of data of a file.
+    """Lines of data of a text file.
 
     Attributes:
-        separator: between fields.
-        start, size: of the data [bytes].
-        tag: text after it; empty if there is none.
+        path: path of the file.
+        separator: separator of fields.
+        start, size: place of the data in the file [bytes].
+        tag: text behind the data; empty without such text.
         ends_open: whether the file ends without a line break.
     """
 
@@ -134,7 +139,7 @@ def is_comment(line: bytes) -> bool:
 
 
 def as_text(line: bytes) -> str:
-    """A line as text; if it is not UTF-8, in the code page of Windows, where ° is one byte."""
+    """Line as text: in UTF-8, or else in the code page of Windows, in which ° is one byte."""
     try:
         text = line.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -162,10 +167,10 @@ def decoded(line: bytes, place: str) -> str:
 
 
 def separator_of(header: str) -> str:
-    """The separator of a header: tab before semicolon before comma, since names may hold commas.
+    """Separator of a header: tab before semicolon before comma, because names may hold commas.
 
-    A separator after another one (`t,<tab>q1`) is padding. Without any, or between numbers with
-    decimal commas, it is runs of blanks.
+    A separator behind another one (`t,<tab>q1`) is padding. If there is none, or numbers have
+    decimal commas, runs of blanks separate the fields.
     """
     unquoted = re.sub(r'"[^"]*"', "", header)
     for mark in SEPARATORS[:-1]:
@@ -178,7 +183,7 @@ def separator_of(header: str) -> str:
 
 
 def cells_of(text: str, separator: str) -> list[str]:
-    """Fields of a line; empty if it is no CSV."""
+    """Fields of a line; empty if the line is not valid CSV."""
     try:
         return list(names_in(text, separator, ""))
     except RecordingError:
@@ -186,10 +191,10 @@ def cells_of(text: str, separator: str) -> list[str]:
 
 
 def names_in(text: str, separator: str, place: str) -> tuple[str, ...]:
-    """Names in a row.
+    """Names of columns in a row.
 
     Raises:
-        RecordingError: it is no row of names.
+        RecordingError: the text is not valid CSV.
     """
     text = text.strip() if separator == " " else text
     cure = "fix it, or say with --columns MAPPING.yaml (header_row) where the names are"
@@ -214,7 +219,7 @@ def is_number(text: str) -> bool:
 
 
 def line_ends(block: bytes) -> Int[np.ndarray, " lines"]:
-    """Ends of the lines of a block, also of a last one without a line break."""
+    """Ends of the lines of a block, including a last line without a line break."""
     ends = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n"))
     return ends if block.endswith(b"\n") else np.append(ends, len(block))
 
@@ -222,22 +227,22 @@ def line_ends(block: bytes) -> Int[np.ndarray, " lines"]:
 def per_line(
     positions: Int[np.ndarray, " marks"], ends: Int[np.ndarray, " lines"]
 ) -> Int[np.ndarray, " lines"]:
-    """Number of sorted positions in each line, by the ends of the lines."""
+    """Number of positions in each line, by the ends of the lines; positions are sorted."""
     return np.diff(np.searchsorted(positions, ends), prepend=0)
 
 
 class Decimals:
-    """Numbers of a file with decimal points or commas, as in its first number that is not whole.
+    """Converts text to numbers with the decimal mark of the file's first number that has one.
 
-    With commas between columns it has decimal points. Numbers written otherwise are null.
+    If commas separate columns, the mark is a point. Numbers with another mark are null.
     """
 
     def __init__(self, separator: str) -> None:
         self._mark = "." if separator == "," else ""
 
     def numbers(self, texts: list[pl.Series]) -> list[pl.Series]:
-        """Text as numbers; null for other text."""
-        if not self._mark:  # that of the first row; times of day have their own
+        """Convert text to numbers; other text becomes null."""
+        if not self._mark:  # the mark in the first row that has one, times of day excepted
             plain = [text for text in texts if not is_clock(text)]
             marked = [
                 (text.str.contains(m, literal=True).arg_true(), m) for m in ".," for text in plain

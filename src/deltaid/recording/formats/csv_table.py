@@ -1,7 +1,7 @@
 """Reads CSV in blocks of lines, with the line of each fault.
 
 Blocks are whole lines, so fields are counted before polars parses them, and rows keep their line
-numbers. Fields are read as text, so that the place of a bad number is known.
+numbers. Fields are read as text, so messages can name the place of a bad number.
 """
 
 import io
@@ -34,10 +34,10 @@ class CsvTable(LogTable):
     """An open CSV file, with one block in memory at a time; rows are lines of the file.
 
     Attributes:
-        data: its lines below the names.
+        data: lines of data below the names.
         header_row: line of the names, from 1.
         marked: comment lines with a number for every column but the first.
-        comments: for each comment line in the data, the row after it, comments not counted.
+        comments: for each comment line in the data, the row after it, without counting comments.
     """
 
     data: TextData
@@ -46,10 +46,11 @@ class CsvTable(LogTable):
     comments: list[int] = field(default_factory=list[int])
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """As in `LogTable.rows`.
+        """Read as in `LogTable.rows`.
 
         Raises:
-            RecordingError: a line has not the header's fields, or the first one holds no numbers.
+            RecordingError: a line has another number of fields than the header, or the first one
+                holds no numbers.
         """
         places = [self.header.index(pick.field.name) for pick in self.picks(columns)]
         decimals = Decimals(self.data.separator)
@@ -84,7 +85,7 @@ class CsvTable(LogTable):
         return self.row_place(self.header_row)
 
     def row_place(self, row: int) -> str:
-        """One row, counted as an editor counts lines: with the comment lines among the data."""
+        """Place of a row, counted as an editor counts lines, with comment lines in the data."""
         return f"{self.path}, row {row + bisect_right(self.comments, row)}"
 
     def cure(self, written: str) -> str:
@@ -112,7 +113,7 @@ def _blocks(table: CsvTable) -> Iterator[tuple[int, bytes]]:
     row, empty_row, comments, separator = table.first_row, 0, 0, table.data.separator
     for whole in table.data.blocks():
         block, in_block = _without_comments(whole, separator, row)
-        # Later passes have the same comments again.
+        # Later passes find the same comments again.
         for after, line in in_block[max(0, len(table.comments) - comments) :]:
             if is_marked_row(line, separator, len(table.header)):
                 table.marked.append(after + len(table.comments))
@@ -165,7 +166,7 @@ def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
             has_header=False,
             separator=table.data.separator,
             infer_schema=False,
-            encoding="utf8-lossy",  # only unused columns may have other encodings
+            encoding="utf8-lossy",  # only unused columns may be in other encodings
         )
     if frame is None or frame.shape != (lines, len(table.header)):
         first, last = (table.row_name(end).removeprefix("row ") for end in (row, row + lines - 1))
@@ -178,7 +179,7 @@ def _fields(table: CsvTable, block: bytes, row: int) -> pl.DataFrame:
 
 
 def _require_fields(table: CsvTable, block: bytes, row: int) -> int:
-    """Number of lines of a block, all with as many fields as the header."""
+    """Number of lines of a block; refuses lines with another number of fields than the header."""
     data, ends, wanted = np.frombuffer(block, np.uint8), line_ends(block), len(table.header)
     marks = np.flatnonzero(data == ord(table.data.separator))
     unclosed = np.zeros(0, dtype=int)

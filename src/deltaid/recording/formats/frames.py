@@ -1,7 +1,7 @@
 """Tables of polars as numbers (lists, structs, dates, times as text, decimals), and Parquet files.
 
-Rust aborts the process if an allocation fails, and one damaged Parquet file in some thousands makes
-polars request 10¹⁸ bytes. No exception arrives then, and opening every file in a process of its own
+Rust aborts the process if an allocation fails, and one in thousands of damaged Parquet files makes
+polars request 10¹⁸ bytes. No exception is raised then, and opening every file in a separate process
 would cost each command a quarter of a second. So a handler of the abort prints a message.
 """
 
@@ -25,7 +25,7 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, POLARS_ERRORS, LogTable, Rows, damage, readable
 from deltaid.recording.time.counts import PER_SECOND, in_seconds, is_clock
 
-# A type of polars; the run-time check of types cannot resolve its class.
+# A type of polars, whose class the run-time check of types cannot resolve.
 _DataType = Any
 # Name, type and expression of a plain column or entry.
 _Entry = tuple[str, _DataType, pl.Expr]
@@ -34,7 +34,7 @@ _Entry = tuple[str, _DataType, pl.Expr]
 def fields_of(frame: pl.LazyFrame) -> tuple[RecordedField, ...]:
     """Fields of a table; entries of structs are fields such as `pose.x`.
 
-    Reads one row for the lengths of lists and for text that is a time.
+    Reads one row to determine the lengths of lists, and whether text is a time.
     """
     entries = _entries(frame)
     unclear = [
@@ -47,7 +47,7 @@ def fields_of(frame: pl.LazyFrame) -> tuple[RecordedField, ...]:
 
 
 def selected(frame: pl.LazyFrame, picks: Sequence[Pick]) -> pl.LazyFrame:
-    """The fields of some picks, in their order, numbered."""
+    """Fields of some picks in their order, with numbers as names."""
     expressions = {name: expression for name, _, expression in _entries(frame)}
     return frame.select(expressions[pick.field.name].alias(str(k)) for k, pick in enumerate(picks))
 
@@ -58,7 +58,7 @@ def _entries(frame: pl.LazyFrame) -> list[_Entry]:
 
 
 def _under(name: str, kind: _DataType, expression: pl.Expr) -> Iterator[_Entry]:
-    """A column, or the entries of a struct and of those in it."""
+    """A plain column, or the entries of a struct and of the structs in it."""
     if not isinstance(kind, pl.Struct):
         yield name, kind, expression
         return
@@ -68,9 +68,9 @@ def _under(name: str, kind: _DataType, expression: pl.Expr) -> Iterator[_Entry]:
 
 
 def rows_of(part: pl.DataFrame, picks: Sequence[Pick]) -> Rows:
-    """Columns of consecutive rows of `selected` fields; null where there is no number."""
+    """Columns of consecutive rows of `selected` fields; null without a number."""
     written = [_written(*pair) for pair in zip(part, picks, strict=True)]
-    # Text is no number; `in_seconds` converts times.
+    # Text is no number; `in_seconds` converts text that is a time.
     numbers = [
         pl.repeat(None, len(column), dtype=pl.Float64, eager=True)
         if column.dtype == pl.String
@@ -83,7 +83,7 @@ def rows_of(part: pl.DataFrame, picks: Sequence[Pick]) -> Rows:
 def _written(series: pl.Series, pick: Pick) -> pl.Series:
     if isinstance(series.dtype, pl.List):
         element = series.list.get(pick.at[1] or 0, null_on_oob=True)
-        # Null if the list is not as long as the first one.
+        # Lists of another length than the first one become null.
         series = element.set((series.list.len() != pick.field.shape[1]).fill_null(True), None)
     elif isinstance(series.dtype, pl.Array):
         series = series.arr.get(pick.at[1] or 0)
@@ -119,7 +119,7 @@ def open_parquet(path: Path, mapping: ColumnMapping) -> LogTable:
 
 @dataclass(frozen=True)
 class ParquetTable(LogTable):
-    """An open Parquet file; a slice and its row group are in memory at a time."""
+    """An open Parquet file; one slice and its row group are in memory at a time."""
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
         picks, row = self.picks(columns), 0
@@ -141,9 +141,10 @@ def _scan(path: Path) -> pl.LazyFrame:
 
 @contextmanager
 def _decoding(path: Path) -> Generator[None, None, None]:
-    """Turn errors of polars about a damaged file into one message.
+    """Convert errors of polars about a damaged file to one message.
 
-    Its threads print their panic to file descriptor 2 before the exception arrives.
+    Its threads print their panic to file descriptor 2 before the exception is raised, so the
+    descriptor is redirected.
     """
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     what, cure = "is no Parquet file, or a damaged one", "copy or export it again"
@@ -162,7 +163,7 @@ def _decoding(path: Path) -> Generator[None, None, None]:
 def last_words(message: str, descriptor: int) -> Generator[None, None, None]:
     """Write a message to a file descriptor if the process is aborted, and exit with code 2.
 
-    A handler of Python would run too late. Windows has no such signal.
+    The handler is no Python signal handler, which would run too late. Windows has no such signal.
     """
     if sys.platform == "win32":
         yield
@@ -186,7 +187,7 @@ def last_words(message: str, descriptor: int) -> Generator[None, None, None]:
 
 @dataclass(frozen=True, eq=False)
 class FrameTable(LogTable):
-    """A table in memory."""
+    """A table of polars in memory."""
 
     frame: pl.DataFrame = field(repr=False)
     cure_of_missing: str = field(
@@ -203,7 +204,7 @@ class FrameTable(LogTable):
     def checksum(self, columns: Sequence[str]) -> str:
         """SHA-256 of these columns: their addresses, and their numbers as binary64 without units.
 
-        Equal for equal numbers from arrays, polars or pandas; a file's is that of its bytes.
+        Equal numbers from arrays, polars or pandas have equal checksums; that of a file is another.
         """
         digest = hashlib.sha256("\0".join(columns).encode())
         has_dates = self.picks(columns)[0].field.is_clock

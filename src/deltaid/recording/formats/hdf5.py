@@ -1,4 +1,4 @@
-"""Reads HDF5 by h5py in slices; MATLAB files of version 7.3 are such files too."""
+"""Reads HDF5 files by h5py in slices; MATLAB files of version 7.3 are HDF5 files too."""
 
 import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -24,9 +24,10 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, first_line, library, readable
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
-# A user block, such as that of MATLAB, may come first.
+# Possible places of the signature [bytes]: a user block, such as MATLAB's, may come first.
 _STARTS = (0, 512, 1024, 2048)
-# Largest chunk, which is unpacked as a whole [bytes]; zeros of that size need not be stored.
+# Largest chunk [bytes], because a chunk is unpacked as a whole; and largest dataset that may be
+# stored as nothing, as zeros are.
 _LARGEST_CHUNK = 1 << 30
 # Largest slice of whole chunks [bytes].
 _HELD = 1 << 27
@@ -54,8 +55,8 @@ def open_hdf5(path: Path, mapping: ColumnMapping) -> LogTable:
     return ArrayTable(path, fields, partial(_arrays, path, places, by_matlab))
 
 
-# Place of a field's numbers: path of a dataset, or a reference to it, and for compound types the
-# path of names of the entry.
+# Place of a field's numbers: path of a dataset or a reference to it, and the names of the entry in
+# a compound type.
 _Place = tuple[Any, tuple[str, ...]]
 
 
@@ -65,7 +66,7 @@ def _arrays(
 ) -> Generator[Arrays, None, None]:
     """Datasets of some columns, with a few chunks in memory at a time.
 
-    Whole chunks are read if they fit into memory, so that each is unpacked once.
+    Whole chunks are read if they are small enough, so that each is unpacked once.
     """
     used = {(pick.field.name, pick.axis) for pick in picks}
     with _opened(path) as file:
@@ -107,13 +108,17 @@ class _Dataset:
         return self._dataset[outer[::-1]].T if self._reverse else self._dataset[outer]
 
     def chunk(self, axis: int) -> int:
-        """Samples in a chunk; 0 for a contiguous dataset."""
+        """Number of samples per chunk; 0 for a contiguous dataset."""
         return self._chunks[axis] if axis < len(self._chunks) else 0
 
 
 @contextmanager
 def _opened(path: Path) -> Generator[Any, None, None]:
-    """A file of h5py; its errors about damaged files become messages."""
+    """Open a file by h5py; its errors about damaged files become messages.
+
+    Raises:
+        RecordingError: the file is missing or damaged, or h5py is not installed.
+    """
     h5py = library("h5py", "an HDF5 file", path)
     with readable(path), path.open("rb"):
         pass
@@ -133,7 +138,7 @@ def _opened(path: Path) -> Generator[Any, None, None]:
 def _contents(
     group: Any, by_matlab: bool, name: str = "", depth: int = 0
 ) -> Iterator[tuple[RecordedField, _Place | None]]:
-    """Content of a group, by hard links only, since others may lead to other files."""
+    """Content of a group, by hard links only, because other links may lead to other files."""
     for key in group:
         hidden = by_matlab and not depth and key.startswith("#")
         linked = type(group.get(key, getlink=True)).__name__ == "HardLink"
@@ -164,9 +169,9 @@ def _fields_under(
 
 
 def _members(name: str, item: Any, depth: int) -> Iterator[tuple[RecordedField, _Place | None]]:
-    """The members of a MATLAB cell or of a field of a struct array, by their numbers.
+    """Members of a MATLAB cell or of a field of a struct array, by their numbers.
 
-    The number precedes the field: `signals[0].values`.
+    In a struct array the number precedes the field: `signals[0].values`.
     """
     base, mark, last = name.rpartition(".")
     in_struct = mark and _matlab_class(item) != "cell"

@@ -1,8 +1,9 @@
 """Reads MATLAB files of versions 5 to 7; those of 7.3 are HDF5.
 
-A file is a sequence of tagged elements in the byte order of the writer. Claims of headers are
-checked against the file's size. Headers determine the content of a variable. Numbers are read from
-the mapped file, or from the unpacked variable if it is compressed, as MATLAB does by default.
+A file is a sequence of tagged elements in the byte order of the writer. Headers describe the
+content of a variable; the sizes that they state are checked against that of the file. Numbers are
+read from the mapped file, or from the unpacked variable if it is compressed, which is MATLAB's
+default.
 """
 
 import math
@@ -22,7 +23,7 @@ from deltaid.recording.formats.arrays import DEFLATE_RATIO, Arrays, ArrayTable
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, CHUNK, LogTable, damage, opened
 
-# Mark of the byte order, with which the header ends [bytes].
+# Place of the mark of the byte order, at the end of the header [bytes].
 _ORDER = slice(126, 128)
 # Types of elements that are variables.
 _MATRIX, _COMPRESSED = 14, 15
@@ -30,12 +31,12 @@ _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
 }  # fmt: skip
-# Classes of matrices: those of numbers are 6 to 15.
+# Classes of matrices without numbers; those of numbers are 6 to 15.
 _CELL, _STRUCT, _OBJECT, _OPAQUE = 1, 2, 3, 17
 _HOLDS = {4: "text", 5: "a sparse matrix", 16: "a function"}
-# Flags of a matrix that has an imaginary part, and of one of truth values.
+# Flags of a matrix with an imaginary part, and of a matrix of truth values.
 _COMPLEX, _LOGICAL = 0x800, 0x200
-# Levels of structs and fields of a variable that are read.
+# Most levels of structs, and most fields of a variable, that are read.
 DEEPEST, MOST_FIELDS = 16, 2000
 _CURES = {
     "timetable": "s.t = seconds(x.Time - x.Time(1)); s.q = x.Variables",
@@ -45,12 +46,12 @@ _CURES = {
 
 
 class DamagedMatError(Exception):
-    """The content of a file contradicts its headers."""
+    """Raised for a file whose content contradicts its headers."""
 
 
 @dataclass(frozen=True)
 class MatVariable:
-    """A variable's place in the file [bytes], compression and byte order."""
+    """Place of a variable in the file [bytes], whether it is compressed, and its byte order."""
 
     start: int
     size: int
@@ -58,7 +59,7 @@ class MatVariable:
     order: str
 
     def unpacked(self, data: memoryview, most: int | None = None) -> memoryview:
-        """Its element with the tag, or at most `most` bytes of it.
+        """Element of the variable with its tag, or the first `most` bytes of it.
 
         Raises:
             DamagedMatError: the compressed data is damaged.
@@ -82,17 +83,17 @@ class MatVariable:
 
 @dataclass(frozen=True)
 class Numbers:
-    """An array's place in an unpacked variable."""
+    """Place, type and shape of an array in an unpacked variable."""
 
     offset: int
     dtype: str
     shape: tuple[int, ...]
 
     def array(self, data: memoryview) -> np.ndarray:
-        """The array, in the memory of the variable.
+        """Array in the memory of the variable.
 
         Raises:
-            DamagedMatError: it does not fit into the variable.
+            DamagedMatError: the array does not fit into the variable.
         """
         count = math.prod(self.shape)
         if self.offset + count * np.dtype(self.dtype).itemsize > len(data):
@@ -111,7 +112,7 @@ def is_matlab(start: bytes, path: Path) -> bool:
 
 
 def open_matlab(path: Path, mapping: ColumnMapping) -> LogTable:
-    """A MATLAB file before 7.3: its variables, and members of structs and cells."""
+    """Open a MATLAB file before 7.3: its variables, and members of structs and cells."""
     fields: list[RecordedField] = []
     places: dict[str, tuple[MatVariable, Numbers]] = {}
     with _mapped(path) as data:
@@ -130,7 +131,7 @@ def open_matlab(path: Path, mapping: ColumnMapping) -> LogTable:
 def _arrays(
     path: Path, places: Mapping[str, tuple[MatVariable, Numbers]], picks: Sequence[Pick]
 ) -> Generator[Arrays, None, None]:
-    """Variables of some columns; compressed ones are in memory, others are mapped."""
+    """Arrays of some columns: compressed variables are unpacked in memory, others are mapped."""
     used = {pick.field.name: places[pick.field.name] for pick in picks}
     with _mapped(path) as data:
         unpacked = {variable: variable.unpacked(data) for variable, _ in used.values()}
@@ -142,10 +143,10 @@ def _arrays(
 
 @contextmanager
 def _mapped(path: Path) -> Generator[memoryview, None, None]:
-    """A file mapped into memory.
+    """Map a file into memory.
 
     Raises:
-        RecordingError: it is damaged, with the place.
+        RecordingError: the file is damaged; names the place.
     """
     cure = "copy it again, or save it again with save('log.mat', '-v7')"
     with opened(path) as file, damage(path, DamagedMatError, "is a damaged MATLAB file", cure):
@@ -154,7 +155,7 @@ def _mapped(path: Path) -> Generator[memoryview, None, None]:
 
 
 def matlab_object(name: str, kind: str) -> RecordedField:
-    """An object of a class, whose storage only MATLAB knows."""
+    """Field that holds an object of a class, whose storage only MATLAB knows."""
     line = _CURES.get(kind, _CURES["timeseries"])
     return RecordedField(
         name,
@@ -184,7 +185,7 @@ def _variables(data: memoryview) -> Iterator[MatVariable]:
 class _Reader:
     """Reads the elements of a variable, whose headers may be inconsistent.
 
-    Only one that contains others is unpacked as a whole.
+    Only a variable that contains others is unpacked as a whole.
     """
 
     def __init__(self, file: memoryview, variable: MatVariable) -> None:
@@ -193,7 +194,7 @@ class _Reader:
         self._where = f"the variable at byte {variable.start}"
 
     def matrix(self, name: str, depth: int) -> Iterator[_Held]:
-        """Content of the next matrix, under a given name or its own."""
+        """Content of the next matrix, under the given name or, if that is empty, its own."""
         kind, start, size = self._element()
         end = _padded(start + size)
         if kind != _MATRIX:
@@ -256,12 +257,12 @@ class _Reader:
         return Numbers(start, self._order + kind, shape)
 
     def _element(self) -> tuple[int, int, int]:
-        """Type, start and size [bytes] of the next element, which is consumed."""
+        """Consume the next element; returns its type, start and size [bytes]."""
         at = self._at
         if at + 8 > len(self._data):
             raise DamagedMatError(f"{self._where} ends within a header")
         kind, size = (int(n) for n in np.frombuffer(self._data, f"{self._order}u4", 2, at))
-        if kind >> 16:  # up to four bytes are in the tag
+        if kind >> 16:  # the tag holds up to four bytes of content
             self._at += 8
             return kind & 0xFFFF, at + 4, min(kind >> 16, 4)
         self._at = _padded(at + 8 + size)

@@ -1,9 +1,9 @@
 """Decodes JointState and DynamicJointState messages from bytes.
 
-Messages of a topic have the same joints and lengths of text. So one message of each kind is parsed
-field by field, and all others with the same names are decoded together, in half a microsecond a
-message, where creating an object takes 7 to 25. Both types are the same in all releases, so no
-message definition is needed, which SQLite bags of older releases lack.
+Messages of a topic usually have the same joints and lengths of text. So one message of each layout
+is parsed field by field, and all others with this layout are decoded together, which takes half a
+microsecond per message; creating an object takes 7 to 25. Both types are the same in all releases,
+so no message definition is needed, which SQLite bags of older releases lack.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,10 +17,10 @@ Number = tuple[str, str]
 
 
 class MessageError(ValueError):
-    """A message does not fit its type.
+    """Raised for a message that does not fit its type.
 
     Attributes:
-        index: of the message among those that are decoded together.
+        index: index of the message among those that are decoded together.
     """
 
     index = 0
@@ -28,14 +28,14 @@ class MessageError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class MessageLayout:
-    """Layout of messages of one kind.
+    """Layout that several messages share.
 
     Attributes:
-        order: of the bytes, `<` or `>`.
+        order: byte order, `<` or `>`.
         stamp: offset of seconds and nanoseconds, four bytes each.
         numbers: offset of the number of each quantity and joint [bytes].
-        fixed: offsets of counts and names, which all messages of this kind have in common.
-        pattern: the bytes at these offsets. Padding between fields is arbitrary.
+        fixed: offsets of counts and names, which are equal in all messages of this layout.
+        pattern: bytes at these offsets. Padding between fields is arbitrary.
     """
 
     order: str
@@ -47,7 +47,7 @@ class MessageLayout:
     def decode(
         self, rows: UInt8[np.ndarray, "messages size"], wanted: Sequence[Number]
     ) -> tuple[Int[np.ndarray, " messages"], Float[np.ndarray, "messages wanted"]]:
-        """Stamps [ns] and numbers of messages of this kind; NaN for numbers that they lack."""
+        """Stamps [ns] and numbers of messages of this layout; NaN for numbers that they lack."""
         words = np.ascontiguousarray(rows[:, self.stamp : self.stamp + 8]).view(f"{self.order}i4")
         values = np.full((len(rows), len(wanted)), np.nan)
         known = [k for k, number in enumerate(wanted) if number in self.numbers]
@@ -61,11 +61,12 @@ def layout_of(raw: bytes, kind: str, cdr: bool) -> MessageLayout:
     """Layout of a message.
 
     Args:
-        kind: its type, one of `TYPES`.
-        cdr: whether it is in ROS 2's encoding; else in that of ROS 1.
+        raw: bytes of the message.
+        kind: type of the message, one of `TYPES`.
+        cdr: whether the message is in the encoding of ROS 2, else in that of ROS 1.
 
     Raises:
-        MessageError: it is damaged, or in an unknown encoding.
+        MessageError: the message is damaged, or in an unknown encoding.
     """
     cursor = _Cursor(raw, cdr)
     if not cdr:
@@ -86,10 +87,11 @@ def decoded(
 
     Args:
         raws: messages of one topic.
-        kind, cdr: as of `layout_of`.
+        wanted: quantity and joint of each number.
+        kind, cdr: as in `layout_of`.
 
     Raises:
-        MessageError: as `layout_of`, with the index of the message.
+        MessageError: as in `layout_of`, with the index of the message.
     """
     stamps, values = np.empty(len(raws), dtype=np.int64), np.empty((len(raws), len(wanted)))
     sizes = np.array([len(raw) for raw in raws])
@@ -110,7 +112,7 @@ def decoded(
 
 
 class _Cursor:
-    """Reads the fields of a message, and records which bytes its kind has in common."""
+    """Reads the fields of a message, and records the offsets of bytes that its layout fixes."""
 
     def __init__(self, raw: bytes, cdr: bool) -> None:
         self._raw, self._aligned = raw, cdr
@@ -123,7 +125,7 @@ class _Cursor:
         self.fixed: list[range] = [range(self._start)]
 
     def skip(self, size: int) -> int:
-        """Skip a number of bytes; returns their start."""
+        """Skip `size` bytes; returns the offset of the first."""
         start, self.at = self.at, self.at + size
         if self.at > len(self._raw):
             raise MessageError("ends in the middle of a field")
@@ -152,7 +154,7 @@ class _Cursor:
         return list(range(start, self.at, 8))
 
     def items(self, smallest: int) -> int:
-        """Length of a list of items of at least this many bytes."""
+        """Length of a list whose items have at least `smallest` bytes each."""
         count = self.count()
         if count * smallest > len(self._raw) - self.at:
             raise MessageError(f"says that it has a list of {count} entries, but is too short")

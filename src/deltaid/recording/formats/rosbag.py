@@ -26,7 +26,7 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import INCOMPLETE, LogTable, Rows, opened
 from deltaid.recording.time.signals import Signal, merged
 
-# Names of the times of headers and of receipt.
+# Names of the columns of header stamps and of times of receipt.
 _STAMPED, _RECEIVED = "t", "received"
 _NUMBERED = re.compile(r"(?P<before>.*?)(?P<number>\d{1,4})(?P<after>\D*)")
 # Consecutive messages of a topic: times [s] and wanted numbers.
@@ -34,10 +34,10 @@ _Piece = tuple[str, Signal]
 
 
 def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
-    """A bag: its topics of joint states, by their first messages.
+    """Open a bag: the first messages determine its topics of joint states.
 
     Raises:
-        RecordingError: it is damaged, or holds no joint states.
+        RecordingError: the bag is damaged, or holds no joint states.
     """
     with opened_bag(path) as bag:
         topics = topics_of(bag)
@@ -59,7 +59,7 @@ def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
         f"say with --columns MAPPING.yaml which joint is which drive{several}, in order of q "
         "(units of drives that slide are m, m/s and N)"
     )
-    if lines := mapping_lines(topics):  # of one topic
+    if lines := mapping_lines(topics):  # lines of one topic
         cure += f":\n    {lines}"
     return BagTable(
         path,
@@ -77,14 +77,14 @@ def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
 
 @dataclass(frozen=True)
 class BagTable(LogTable):
-    """An open bag.
+    """An open ROS bag.
 
-    Of a single topic some thousand messages are in memory at a time. Several topics have different
-    clocks, so their used columns are in memory as a whole.
+    If one topic is used, a few thousand messages are in memory at a time. Several topics have
+    different clocks, so their used columns are in memory as a whole.
 
     Attributes:
-        topics: of joint states, by name.
-        names: default names of columns, if names of joints are unambiguous.
+        topics: topics of joint states by name.
+        names: topic and number of each default column, if names of joints are unambiguous.
     """
 
     topics: dict[str, Topic]
@@ -104,10 +104,10 @@ class BagTable(LogTable):
         return f"{self.path}, sample {row}"
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """As in `LogTable.rows`; messages that lack a column are excluded and counted."""
+        """Read as in `LogTable.rows`; messages that lack a column are excluded and counted."""
         places = [self._place(pick) for pick in self.picks(columns)]
         wanted = grouped(place for place in places if isinstance(place, tuple))
-        if not wanted:  # times of receipt alone are of one topic
+        if not wanted:  # times of receipt alone are those of the first topic
             wanted = {next(iter(self.topics)): []}
         self.doubts.clear()
         received = _RECEIVED in places or not all(self.topics[name].first for name in wanted)
@@ -206,9 +206,9 @@ def _incomplete(topic: str, lost: int, total: int, first: int, lacks: Sequence[N
 
 
 def default_columns(topics: Sequence[Topic]) -> dict[str, tuple[str, Number]]:
-    """Default names of columns, if names of joints determine the drives.
+    """Topic and number of each default column; empty unless names of joints determine the drives.
 
-    That is if one topic has positions of joints whose names differ in a number only, from 1 or 0
+    They do if one topic has positions of joints whose names differ only in a number, from 1 or 0
     without a gap.
     """
     topic = _main_topic(topics)
@@ -234,7 +234,7 @@ def in_order(joints: Sequence[str]) -> list[str] | None:
 
 
 def mapping_lines(topics: Sequence[Topic]) -> str:
-    """A mapping with all joints of the topic of positions, for the user to reorder."""
+    """Lines of a mapping with all joints of the topic of positions, for the user to reorder."""
     topic = _main_topic(topics) or next(
         (topic for topic in topics if "position" in topic.joints), topics[0]
     )
@@ -248,7 +248,7 @@ def mapping_lines(topics: Sequence[Topic]) -> str:
 
 
 def _source(topics: Sequence[Topic], quantity: str, joints: Sequence[str]) -> Topic | None:
-    """The topic with a quantity of these joints: that of their positions, or the only one."""
+    """Topic with a quantity of these joints: that of their positions, or the only one."""
     able = [topic for topic in topics if set(joints) <= set(topic.joints.get(quantity, ()))]
     plain = [topic for topic in able if topic.type == JOINT_STATE]
     main = [topic for topic in able if topic is _main_topic(topics)]

@@ -5,10 +5,10 @@
     0       0,5             0       1,5     2,5
     1       0,6             0,25    1,6     2,6
 
-The word of each row heads every group of channels, above its column of times. A group is one
-channel (Timelines: All) or channels of one period (For each sampletime). Slower channels end
-sooner, so a line is not one instant. The rows, the separator and the decimal mark are options of
-the export.
+The word of each row is repeated above the column of times of every group of channels. A group is
+one channel (Timelines: All) or all channels of one period (For each sampletime). Slower channels
+end sooner, so a line is not one instant. Options of the export determine the rows, the separator
+and the decimal mark.
 """
 
 import re
@@ -30,22 +30,22 @@ from deltaid.recording.formats.twincat_table import NEUTRAL, TIME, ScopeChannel,
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, content
 
-# Lines of data that determine the columns.
+# Number of lines of data that determine the columns.
 _SHOWING_LINES = 50
 _NAMES = ("Name", "SymbolName")
 _WORDS = {*_NAMES, *NEUTRAL, "Unit"}
 _FIRST = re.compile(rb'\A(?:\xef\xbb\xbf)?"?Name"?(?P<separator>[^\w"\r\n])')
-# Words that head lines of such files, and hardly of others.
+# Words at the beginning of lines that hardly occur in other files.
 _MARKS = re.compile(
     rb'\n"?(?:File|Starttime of export|StartRecord|SymbolName|SymbolComment|Data-Type|NetI[dD]|'
     rb'SampleTime\[ms\]|IndexGroup)"?[^\w"\r\n]'
 )
-# 1970 as Windows counts time, in 100 ns since 1601; times in ms never get there.
+# The year 1970 in Windows time, 100 ns since 1601; times in ms are always smaller.
 _FILE_TIME = (datetime(1970, 1, 1) - datetime(1601, 1, 1)) // timedelta(microseconds=1) * 10
 
 
 def is_scope(start: bytes, path: Path) -> bool:
-    """Whether a file is an export, by the words that head its first lines."""
+    """Whether a file is an export, by the first words of its first lines."""
     first = _FIRST.match(start)
     if not first:
         return False
@@ -105,8 +105,8 @@ def open_scope(path: Path, mapping: ColumnMapping) -> LogTable:
 def _rows(lines: HeadLines, separator: str, path: Path) -> tuple[dict[str, list[str]], int]:
     """Rows about channels by their words, and the first row of data.
 
-    The last row of a word counts, since the project has a name too. Comments of symbols may have
-    several lines.
+    If a word has several rows, the last one counts, because the project has a name too. Comments of
+    symbols may have several lines.
     """
     rows: dict[str, list[str]] = {}
     for row, line in lines.first(SEARCHED_LINES):

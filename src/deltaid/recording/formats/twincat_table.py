@@ -18,19 +18,20 @@ from deltaid.recording.formats.csv_lines import (
 from deltaid.recording.source import LogTable, Rows
 from deltaid.recording.time.signals import Signal, merged
 
-# Name of the time, which has none in the export.
+# Name of the time, which the export does not name.
 TIME = "t"
-# Neutral scales.
+# Factors and offsets that change nothing.
 NEUTRAL = {"ScaleFactor": 1.0, "Offset": 0.0, "Unit ScaleFactor": 1.0, "Unit Offset": 0.0}
 
 
 @dataclass(frozen=True)
 class ScopeChannel:
-    """A channel: its names, columns, unit and scales.
+    """A channel of an export: names, columns, unit and scales.
 
     Attributes:
-        time, values: indices of its columns.
-        unit: empty if none is stated.
+        name, symbol: name of the channel, and its symbol in the PLC.
+        time, values: indices of its columns of times and values.
+        unit: unit of its values; empty if none is stated.
         scales: stated factors and offsets of the channel and of its unit.
     """
 
@@ -44,20 +45,20 @@ class ScopeChannel:
 
 @dataclass(frozen=True)
 class ScopeTable(LogTable):
-    """An open export.
+    """An open export of TwinCAT Scope.
 
-    If all used channels share their times, a block of lines is in memory at a time, otherwise these
-    channels as a whole.
+    If all used channels share their times, one block of lines is in memory at a time, otherwise
+    these channels as a whole.
 
     Attributes:
-        data: its lines below the rows about channels.
-        columns: their number, times included.
+        data: lines of data below the rows about channels.
+        columns: number of columns, times included.
         ends_on_separator: whether lines have a separator after their last field.
-        origin: the first time if times are in 100 ns since 1601; None if they are in ms since the
+        origin: first time, if times are in 100 ns since 1601; None if they are in ms since the
             first sample.
-        channels: in order.
+        channels: channels in order.
         traces: channels by name, and by symbol if that differs.
-        shared: whether columns of times are equal, by columns that have been compared.
+        shared: whether columns of times are equal, by the indices of columns that were compared.
     """
 
     data: TextData
@@ -76,13 +77,13 @@ class ScopeTable(LogTable):
     )
 
     def row_place(self, row: int) -> str:
-        """Place of a row, for messages: a line, or a sample if lines are no instants."""
+        """Place of a row, for messages: a line, or a sample if a line is not one instant."""
         if all(self.shared.values()):
             return f"{self.path}, row {row}"
         return f"{self.path}, sample {row - self.first_row + 1}"
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
-        """As in `LogTable.rows`; the time is in s since the first sample."""
+        """Read as in `LogTable.rows`; the time is in s since the first sample."""
         names = [pick.field.name for pick in self.picks(columns)]
         used = [self.traces[name] for name in names if name != TIME]
         times = tuple(sorted({trace.time for trace in used or self.channels[:1]}))
@@ -125,7 +126,7 @@ class ScopeTable(LogTable):
         decimals = Decimals(self.data.separator)
         parts: dict[int, list[Signal]] = {time: [] for time in groups}
         for row, frame in self._blocks(columns):
-            # The first decimal mark in any column holds for all.
+            # The first decimal mark in any column applies to all.
             decimals.numbers([frame[str(k)] for k in columns])
             for time, values in groups.items():
                 there = np.flatnonzero(_filled(frame, [time, *values]))
@@ -167,7 +168,7 @@ class ScopeTable(LogTable):
         return numbers.to_numpy() / 1e3
 
     def _blocks(self, columns: Sequence[int]) -> Iterator[tuple[int, pl.DataFrame]]:
-        """Columns as text, empty without text, with the row of the first line."""
+        """Columns as text, with the row of the first line; empty fields are empty text."""
         row = self.first_row
         names = [str(k) for k in dict.fromkeys(columns)]
         # The first line determines the number of columns for polars.

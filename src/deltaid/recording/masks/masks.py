@@ -1,6 +1,6 @@
-"""Masks: rows of a recording that are excluded, because drives do not power the motion there.
+"""Masks: rows of a recording that are excluded because drives do not power the motion there.
 
-A run is a pair of first and last row of consecutive rows with a common property.
+A run is the pair of the first and the last of consecutive rows with a common property.
 """
 
 import math
@@ -16,9 +16,9 @@ from deltaid.errors import RecordingError
 Runs = Int[np.ndarray, "_ 2"]
 
 NONE: Runs = np.zeros((0, 2), dtype=np.int64)
-# A drive or robot rests that moves less than this share of what is usual.
+# Share of its usual or largest motion below which a drive or robot rests.
 RESTS = 0.01
-# A recording is refused if less than this share of the rows remains for a drive.
+# Least share of rows that must remain for each drive.
 _LEAST = 0.02
 Reason = Literal[
     "standing still",
@@ -47,7 +47,7 @@ class Mask:
     """Consecutive rows that are excluded for some drives.
 
     Attributes:
-        reason: of the exclusion.
+        reason: reason of the exclusion.
         drives: indices of the drives.
         first, last: rows of the log, counted from 0.
         start, end: times of these rows [s].
@@ -72,7 +72,7 @@ def runs_of(flags: Bool[np.ndarray, " rows"], row: int = 0) -> Runs:
 
 
 def joined(runs: Shaped[np.ndarray, "_ 2"], gap: int = 0) -> Shaped[np.ndarray, "_ 2"]:
-    """Ascending runs, joined where no more than `gap` rows lie between them."""
+    """Join ascending runs between which lie at most `gap` rows."""
     if not len(runs):
         return runs
     runs = np.column_stack([runs[:, 0], np.maximum.accumulate(runs[:, 1])])
@@ -81,7 +81,7 @@ def joined(runs: Shaped[np.ndarray, "_ 2"], gap: int = 0) -> Shaped[np.ndarray, 
 
 
 def joined_times(spans: Float[np.ndarray, "_ 2"]) -> Float[np.ndarray, "_ 2"]:
-    """Spans of time in any order as disjoint ascending ones."""
+    """Convert spans of time in any order to disjoint ascending spans."""
     return joined(spans[np.argsort(spans[:, 0])], gap=-1)
 
 
@@ -120,7 +120,7 @@ def least_about(
 def _extremes(
     extreme: np.ufunc, x: Float[np.ndarray, "rows channels"], length: int
 ) -> Float[np.ndarray, "windows channels"]:
-    """Extremes of windows by doubling their length, which is faster than SciPy's."""
+    """Extremes of windows, by doubling their length, which is faster than SciPy's filters."""
     extremes, size = x, 1
     while size < length:
         step = min(size, length - size)
@@ -135,14 +135,15 @@ def left_out(masks: Iterable[Mask], drive: int | None = None) -> Runs:
 
 
 def before_stops(masks: Iterable[Mask], cutoff: float, rate: float) -> tuple[Mask, ...]:
-    """Masks with the rows ahead of emergency stops that the low-pass affects.
+    """Add masks of the rows ahead of emergency stops that the low-pass affects.
 
-    Brakes make acceleration jump. Filtered acceleration changes from a period 1 / cutoff ahead,
-    without a torque.
+    Brakes make the acceleration jump. The filtered acceleration changes from a period 1 / cutoff
+    ahead of the jump, without a torque.
 
     Args:
-        cutoff: of the low-pass [Hz].
-        rate: of the rows [Hz].
+        masks: masks of a survey; those before stops are replaced.
+        cutoff: cut-off of the low-pass [Hz].
+        rate: sampling rate [Hz].
     """
     kept_masks = [mask for mask in masks if mask.reason != "before a stop"]
     for mask in [mask for mask in kept_masks if mask.reason == "emergency stop" and mask.first]:
@@ -153,16 +154,16 @@ def before_stops(masks: Iterable[Mask], cutoff: float, rate: float) -> tuple[Mas
 
 
 def kept(masks: Sequence[Mask], drives: int, samples: int) -> Float[np.ndarray, " drives"]:
-    """Share of the rows that remains for each drive."""
+    """Share of rows that remain for each drive."""
     lost = [np.sum(left_out(masks, i) @ [-1, 1] + 1) for i in range(drives)]
     return 1.0 - np.array(lost) / samples
 
 
 def require_rest(masks: Sequence[Mask], samples: int, drives: Sequence[str], where: str) -> None:
-    """Refuse a log with hardly any rows left.
+    """Refuse a log of which hardly any rows remain for some drive.
 
     Raises:
-        RecordingError: with the drive, and the share of each reason.
+        RecordingError: names the drive, and the share of rows excluded for each reason.
     """
     remaining = kept(masks, len(drives), samples)
     i = int(np.argmin(remaining))

@@ -1,10 +1,10 @@
 """Searches of a survey: rows in which drives do not power the motion, and changes of loads.
 
-At rest all drives stay within steps and noise of their encoders for longer than a reversal takes.
-With coarse steps slow motion does so too, so rest must also be slow against the recording's largest
-speeds, as far as its duration shows; otherwise parts of it may be rest. A constant torque means
-that the drive is off only if its channel has noise elsewhere: without noise, the torque that holds
-a robot at rest is constant too.
+At rest, all drives stay within steps and noise of their encoders for longer than a reversal takes.
+With coarse steps, slow motion does so too, so rest must also be slow against the largest speeds of
+the recording, as far as its duration shows; if it is not, parts of it may still be rest. A constant
+torque means that the drive is off only if its channel has noise elsewhere: without noise, the
+torque that holds a robot at rest is constant too.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -31,22 +31,22 @@ from deltaid.recording.masks.stuck import Extreme, StaleSearch
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import Clock
 
-# Least duration of rest, also on brakes [s], and fewest rows of rest and of torque that is off.
+# Least duration of rest, also on brakes [s]; fewest rows of rest, and of torque that is off.
 _LASTS, _ROWS = 0.04, 5
-# In that time positions stay within so many encoder steps plus so many times the drive's narrowest
-# band; over a whole rest within so many times that, or within that per second.
+# Width of the band of rest during that time, in encoder steps plus narrowest bands of the drive;
+# and largest width of a whole rest, in bands of rest: this, or its duration in seconds if larger.
 _STEPS, _BANDS, _WANDER = 1.5, 2.0, 3.0
-# A robot at rest is slower than this share of its drives' largest speeds.
+# Largest speed of a robot at rest, as a share of its drives' largest speeds.
 _SLOW = 0.005
-# Torque is off where for so long [s] its mean and range stay below these shares of the largest
-# torque, or where it is constant.
+# Torque that is off: least duration [s], and largest mean and range, as shares of the largest
+# torque.
 _OFF_LASTS, _OFF, _OFF_RANGE = 0.01, 0.04, 0.2
-# A channel has noise if so large a share of its changes reverses the one before; of white noise two
-# thirds do, of a smooth torque hardly any.
+# Share of changes that reverse the previous one above which a channel has noise: two thirds for
+# white noise, hardly any for a smooth torque.
 _NOISY = 0.2
 Rows = Float[np.ndarray, "rows dof"]
-# Longest time [s] between two samples at the end of a channel in which it counts as being there:
-# noise took it off, and the remaining noise has one sign.
+# Longest time between two saturated samples during which a channel counts as saturated [s]: noise
+# interrupts saturation, and the noise that remains has one sign.
 _BETWEEN = 0.003
 # Longest emergency stop without torque of the drives [s].
 _STOPS = 1.5
@@ -58,7 +58,7 @@ Exclusion = tuple[Reason, tuple[int, ...], Runs]
 
 @dataclass
 class _Rest:
-    """Rows at rest, their range of positions, and parts that stay in a band each."""
+    """Rows at rest, their range of positions, and parts that each stay in the band of rest."""
 
     first: int
     last: int
@@ -77,7 +77,7 @@ class RestSearch:
     Attributes:
         period: time between two rows [s].
         length: fewest rows of a rest.
-        overlap: rows that two blocks share, `length` − 1.
+        overlap: number of rows that two blocks share, `length` − 1.
     """
 
     def __init__(self, dof: int, period: float) -> None:
@@ -90,7 +90,7 @@ class RestSearch:
 
     @property
     def steps(self) -> Float[np.ndarray, " dof"]:
-        """Smallest change of each position, the step of its encoder; 0 without changes."""
+        """Smallest change of each position [rad or m], its encoder's step; 0 without changes."""
         return np.where(np.isfinite(self._step), self._step, 0.0)
 
     def add(self, q: Rows, torque: Rows, row: int) -> None:
@@ -142,7 +142,7 @@ class RestSearch:
         start = 0
         while start < len(q):
             size, stays = self.length, np.ones(1, dtype=bool)
-            while stays.all() and len(stays) < len(q) - start:  # no longer than needed
+            while stays.all() and len(stays) < len(q) - start:  # checks no more rows than needed
                 size *= 2
                 ahead = q[start : start + size]
                 width = np.maximum.accumulate(ahead) - np.minimum.accumulate(ahead)
@@ -179,7 +179,7 @@ class MaskSearch:
 
     Args:
         dof: number of drives.
-        limits: torque limits of the drives by the description; infinite where there is none.
+        limits: described torque limits of the drives [N m or N]; infinite without a limit.
     """
 
     def __init__(self, dof: int, limits: Sequence[float]) -> None:
@@ -192,7 +192,7 @@ class MaskSearch:
         """Add rows: time, positions, other channels, torques.
 
         Args:
-            period: usual time between two rows [s]; 0 before time runs.
+            period: usual time between two rows [s]; 0 while it is unknown.
         """
         n, first = self._dof, self._row
         self._row += len(values)
@@ -245,7 +245,7 @@ class LoadSearch:
         """Add rows, columns as in `Columns.all`; `row` is the number of the first one.
 
         Raises:
-            RecordingError: a column is neither 0 nor 1, and the mapping lists no numbers.
+            RecordingError: a column is neither 0 nor 1, and the mapping lists no other numbers.
         """
         extra = values[:, self._columns.extra_places]
         for load in self._columns.loads:
@@ -267,7 +267,7 @@ class LoadSearch:
         self._rows += len(values)
 
     def runs(self, rate: float) -> list[Exclusion]:
-        """Rows about changes, excluded for all drives, at a sampling rate [Hz]."""
+        """Rows around changes of loads, excluded for all drives, at a sampling rate [Hz]."""
         about = max(1, round(_ABOUT * rate))
         changes = np.concatenate(self._changes)
         runs: Runs = joined(np.column_stack([changes - about, changes + about - 1]))
@@ -287,7 +287,7 @@ class LoadSearch:
 
 
 def timed(excluded: Iterable[Exclusion], clock: Clock) -> tuple[Mask, ...]:
-    """Excluded rows as masks with their times, in order."""
+    """Convert excluded rows to masks with times, in order."""
     masks = [
         Mask(reason, drives, first, last, *clock.stamps(np.array([first, last])).tolist())
         for reason, drives, runs in excluded
@@ -297,8 +297,8 @@ def timed(excluded: Iterable[Exclusion], clock: Clock) -> tuple[Mask, ...]:
 
 
 def _on_brakes(resting: Runs, off: Runs, short: int) -> Runs:
-    """Rest on brakes; other rest is under control. Parts shorter than `short` join their
-    neighbours."""
+    """Runs of rest on brakes; the drives control other rest. Parts shorter than `short` rows join
+    their neighbours."""
     brakes = [NONE]
     for first, last in resting.tolist():
         here = off[(off[:, 1] >= first) & (off[:, 0] <= last)]

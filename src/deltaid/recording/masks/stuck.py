@@ -2,13 +2,13 @@
 
 Samples at the end of a torque channel are equal, and far more frequent than by chance. A torque
 with noise reaches its extreme once. In coarse steps it may do so often, but then it reaches the
-next steps as often; a sine, whose peak is flat, reaches its extreme 2.4 times as often at most. If
-steps are so coarse that the torque stays on them elsewhere too, an extreme counts only at the
-drive's described limit. Rows in which all drives hold their torques until the next update do not
-count as staying.
+next steps as often; a sine, whose peak is flat, reaches its extreme at most 2.4 times as often. If
+steps are so coarse that the torque repeats elsewhere too, an extreme counts as saturated only at
+the drive's described limit. Rows in which all drives hold their torques until the next update do
+not count as repetitions.
 
 Equal rows alone do not prove that the logger repeated one: a robot at rest has them, and so do
-coarse steps at a high rate. Held rows end with a jump as long as the travel of all of them.
+coarse steps at a high rate. Repeated rows end with a jump as long as their whole travel.
 """
 
 from collections.abc import Iterable, Iterator
@@ -22,18 +22,19 @@ from deltaid.levels import HARDLY
 from deltaid.recording.columns import Rows
 from deltaid.recording.masks.masks import NONE, Mask, Runs, as_runs, joined, runs_of
 
-# Levels next to the extreme that it is compared with, and the factor by which it is more frequent.
+# Number of levels next to the extreme, and least ratio of its frequency to theirs.
 _NEXT_TO, _OFTEN = 4, 8
 # Fewest equal samples at an extreme.
 _EQUAL = 4
-# Share of rows off the extremes in which the torque may repeat.
+# Largest ratio of repetitions to changes of the torque away from its extremes.
 _STAYS = 0.25
 # Least extreme at the end of a channel, as a share of the largest torque.
 _SMALL = 0.1
-# Least jump of positions in steps of the encoder, and in changes per row before and after.
+# Least jump of positions after repeated rows, in encoder steps, and in changes per row before and
+# after it.
 _STEPS, _FARTHER = 3.0, 1.5
-# Fewest and most rows on either side of a bridge, which are half its length; degree of the
-# polynomial through them, and over bridges much longer than these rows.
+# Bridges: fewest and most rows on either side, which are half its length between these limits;
+# degree of the polynomial, and its degree for bridges much longer than these rows.
 FEWEST, _BESIDE, DEGREE, STIFF = 6, 32, 5, 3
 
 
@@ -52,8 +53,8 @@ class Extreme:
     _stayed: int = 0
 
     def add(self, torque: Float[np.ndarray, " rows"], updated: np.ndarray, row: int) -> None:
-        """Add rows; only `updated` ones are counted, where some drive's torque is another than in
-        the row before."""
+        """Add rows, of which only `updated` ones are counted: those in which some drive's torque
+        changes."""
         before, counted = self.level, torque[updated]
         for _ in range(_NEXT_TO + 1):
             if not counted.size:
@@ -77,10 +78,10 @@ class Extreme:
         return max(self._levels, default=-np.inf)
 
     def runs(self, torque_max: float) -> Runs:
-        """Rows at the extreme if it is the end of the channel.
+        """Rows at the extreme if it is the end of the channel; else none.
 
         Args:
-            torque_max: largest |τ| of the drive.
+            torque_max: largest |τ| of the drive [N m or N].
         """
         (top, count), *others = self._levels.items()
         neighbours = max((n for _, n in others), default=count)
@@ -102,13 +103,13 @@ class StaleSearch:
     def add(
         self, values: Float[np.ndarray, "rows channels"], step: Float[np.ndarray, " dof"]
     ) -> np.ndarray:
-        """Add rows without their time, positions first; returns which of them are new.
+        """Add rows without their time, positions first; returns whether each row is new.
 
         The last three new rows are kept for the next batch: the second of their two gaps is judged
         with the change after its jump.
 
         Args:
-            step: smallest step of each encoder so far.
+            step: smallest step of each encoder so far [rad or m].
         """
         new = np.any(np.diff(values, axis=0, prepend=self._last) != 0, axis=1)
         rows = np.concatenate([self._rows, self._count + np.flatnonzero(new)])
@@ -136,9 +137,10 @@ class StaleSearch:
 
 
 def bridged(blocks: Iterable[Rows], stale: Iterable[Mask], recorded: slice) -> Iterator[Rows]:
-    """Consecutive rows in blocks, with stale rows replaced by a smooth motion.
+    """Replace stale rows by a smooth motion.
 
     Args:
+        blocks: consecutive rows in blocks.
         stale: masks of the stale rows.
         recorded: columns of positions, velocities and accelerations.
     """
@@ -148,7 +150,7 @@ def bridged(blocks: Iterable[Rows], stale: Iterable[Mask], recorded: slice) -> I
         if block is not None:
             parts.append(block)
             known += len(block)
-            # A bridge needs the rows after it.
+            # A bridge also needs the rows behind it.
             if np.any((runs[:, 0] < known) & (runs[:, 1] + _BESIDE >= known)):
                 continue
         if sum(map(len, parts)) > given:
@@ -168,7 +170,7 @@ def bridge(values: Float[np.ndarray, "rows channels"], runs: Runs) -> None:
 
     Args:
         values: evenly spaced rows of positions and their derivatives, changed in place.
-        runs: of the rows to replace.
+        runs: runs of the rows to replace.
     """
     rows = np.arange(len(values))
     good = np.setdiff1d(rows, np.concatenate([rows[first : last + 1] for first, last in runs]))

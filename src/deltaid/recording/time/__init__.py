@@ -1,1 +1,1 @@
-"""The time of a recording: stamps, holes, segments, and channels with clocks of their own."""
+"""Time of a recording: stamps, holes, segments, and channels with different clocks."""

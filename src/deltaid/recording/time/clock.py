@@ -1,4 +1,4 @@
-"""The clock of a recording: times of its rows."""
+"""Clock of a recording: the times of its rows."""
 
 from dataclasses import dataclass, field, replace
 
@@ -7,13 +7,13 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.recording.masks.masks import Runs
 
-# Highest rate of drives [Hz]; a higher one is a wrong unit of time.
+# Highest sampling rate [Hz]; a higher one is due to a wrong unit of time.
 HIGHEST_RATE = 1e6
 NO_TIME = (
     "map the column of the time with --columns MAPPING.yaml (time: {column: NAME}), or give the "
     "sampling rate in its place (time: {rate: 1000})"
 )
-# Jitter that needs no explanation [periods, rms].
+# Largest jitter that is not reported [periods, rms].
 JITTER = 0.01
 
 
@@ -22,18 +22,19 @@ class Clock:
     """Times of the rows of a recording, which are counted from 0.
 
     Attributes:
-        period: between samples [s].
-        rows: of the recording.
-        steady: whether no row is missing and stamps are even, so that rows are used as they are.
+        period: time between two samples [s].
+        rows: number of rows of the recording.
+        steady: whether no row is missing and stamps are even, so that rows are used unchanged.
         even: whether samples were taken evenly, whatever their stamps; None if the motion is too
             slow to show it (samples then count as even).
-        jitter: of the stamps against the even grid [s, rms]; 0 if steady.
+        jitter: jitter of the stamps against the even grid [s, rms]; 0 if steady.
         wild, first_wild: number of rows excluded for stamps far off their neighbours, and the first
             such row; −1 without any.
-        extra: rows excluded because they occur twice or have no place on the grid.
-        doubled, late: number of these that repeat the row before them, and that have no place.
+        extra: all excluded rows.
+        doubled, late: numbers of excluded rows that repeat the row before them, and of those that
+            have no place on the grid.
         holes: rows before which rows are missing or time restarts.
-        lost: number of missing rows there; −1 if time restarts.
+        lost: number of rows missing in each hole; −1 if time restarts.
         since, until: stamps of the rows before and after each hole [s].
         first, last: stamps of the first and last row [s].
     """
@@ -71,7 +72,7 @@ class Clock:
         )
 
     def without(self, runs: Runs) -> "Clock":
-        """The clock with runs of rows as holes before the rows that follow."""
+        """Clock with runs of rows excluded as holes before the rows that follow."""
         if not len(runs):
             return self
         removed = np.concatenate([np.arange(first, last + 1) for first, last in runs])
@@ -93,7 +94,7 @@ class Clock:
         )  # fmt: skip
 
     def cuts(self, longest: int) -> Bool[np.ndarray, " holes"]:
-        """Which holes end a segment: those too long to bridge, and restarts of time.
+        """Whether each hole ends a segment: it is too long to bridge, or time restarts.
 
         Args:
             longest: most missing rows that are bridged.
@@ -109,7 +110,7 @@ class Clock:
         return rows + bridged.astype(int)
 
     def report(self, longest: int, shortest: int) -> "ClockReport":
-        """The clock for programs.
+        """Report on the clock, for programs.
 
         Args:
             longest: most missing rows that are bridged.
@@ -135,21 +136,21 @@ class Clock:
 
 @dataclass(frozen=True)
 class ClockReport:
-    """The clock of a recording, for programs.
+    """Report on the clock of a recording, for programs.
 
     Attributes:
-        rate_hz: sampling rate.
+        rate_hz: sampling rate [Hz].
         steady: whether no row is missing and stamps are even.
         even: whether samples were taken evenly, whatever their stamps; None if the motion is too
             slow to show it. Uneven samples are interpolated.
-        jitter_s: of the stamps against the even grid, rms.
-        wild, doubled, out_of_place: number of rows excluded because their stamps are far off their
+        jitter_s: jitter of the stamps against the even grid [s, rms].
+        wild, doubled, out_of_place: numbers of rows excluded because their stamps are far off their
             neighbours, because they repeat the row before, or because they are late.
         bridged: number of missing rows in short holes, which are interpolated.
         gaps: start and end [s] of holes that end a segment.
         restarts: number of times that time restarts.
-        segments: number of those that are long enough for the filter.
-        too_short: share of the samples in other segments.
+        segments: number of segments that are long enough for the filter.
+        too_short: share of the samples in shorter segments.
     """
 
     rate_hz: float

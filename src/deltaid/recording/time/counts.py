@@ -1,10 +1,11 @@
 """Converts times of loggers to seconds, and unwraps counters and angles.
 
-Dates and times of day as text, ticks of any size, and cycles become seconds. Integers are
-subtracted as integers: nanoseconds since 1970 have more digits than a float64.
+Text of dates and times of day, and integer ticks, become seconds since the first row. Integers are
+subtracted as integers, because nanoseconds since 1970 have more digits than a float64.
 
-A step of nearly one period between samples whose neighbours move little is a wrap: of an encoder of
-16 bits after 65 536 counts, of an angle after one turn, of a cycle counter of 8, 16, 24 or 32 bits.
+A step of nearly one period between samples whose neighbours move little is a wrap: of an encoder
+with 16 bits after 65 536 counts, of an angle after one turn, or of a cycle counter with 8, 16, 24
+or 32 bits.
 """
 
 from collections.abc import Iterable, Iterator
@@ -18,21 +19,21 @@ from deltaid.errors import Doubt
 from deltaid.recording.columns import Columns
 from deltaid.recording.source import Column, LogTable, Rows
 
-# 2025-11-20T16:00:00.123456789+01:00, with blank or T, any number of digits, with or without a
-# zone; or a time of day.
+# A date such as 2025-11-20T16:00:00.123456789+01:00, with a blank or T, any number of digits, with
+# or without a zone; or a time of day.
 _ISO = (
     r"^(?:(?P<date>\d{4}-\d{2}-\d{2})[T ])?(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2})"
     r"(?:[.,](?P<fraction>\d{1,9})\d*)?"
     r"(?: ?(?:Z|UTC|(?P<sign>[+-])(?P<ahead>\d{2})(?::?(?P<past>\d{2}))?))?$"
 )
-# Ticks a second of the units of dates and durations.
+# Ticks per second of the units of dates and durations.
 PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
-# Whole numbers beyond this are no longer exact as float64.
+# Largest whole number up to which float64 is exact.
 _EXACT = 2 / np.finfo(float).eps
-# A step is a wrap if it differs from the period, and its neighbours from 0, by less than this share
-# of the period.
+# Largest difference of a wrap from the period, and of its neighbours from 0, as a share of the
+# period.
 _NEAR = 0.25
-# Periods of counters.
+# Periods of counters of positions, and of cycles.
 _OVERFLOWS = tuple(2.0**bits for bits in (16, 24, 32))
 _CYCLES = (2.0**8, *_OVERFLOWS)
 
@@ -47,7 +48,7 @@ def is_clock(column: Column | None) -> bool:
 
 
 def in_seconds(pieces: Iterable[Rows]) -> Iterator[Rows]:
-    """All rows of a log with the time, their first column, in seconds."""
+    """All rows of a log, with the time, which is the first column, in seconds."""
     origin: int | None = None
     for rows in pieces:
         if (ticks := _ticks(rows.numbers[0], rows.written[0])) is not None:
@@ -69,7 +70,7 @@ def _ticks(numbers: Column, written: Column) -> tuple[pl.Series, float] | None:
     if isinstance(written, pl.Series) and written.dtype == pl.String and len(written):
         if is_clock(written):
             return _nanoseconds(written), PER_SECOND["ns"]
-        # Text with so many digits is exact as an integer only.
+        # Text with this many digits is exact as an integer only.
         exact = written.str.contains(r"^\d{16,19}$").all()
         return (written.cast(pl.Int64, strict=False), 1.0) if exact else None
     if isinstance(numbers, pl.Series) and numbers.dtype.is_integer():
@@ -99,11 +100,11 @@ class Unwrapper:
     """Running unwrapping of one column.
 
     Attributes:
-        name: of the column.
+        name: name of the column.
         periods: possible periods.
         overflows: further possible periods if all numbers are whole.
-        rising: whether it only counts up.
-        period: that of the first wrap; 0 before it.
+        rising: whether the column only counts up.
+        period: period of the first wrap, which holds for all; 0 before it.
         offset: sum of the wraps so far.
         count, first: number of wraps, and row of the first one.
     """
@@ -119,7 +120,7 @@ class Unwrapper:
     _last: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def add(self, numbers: Float[np.ndarray, " rows"], row: int) -> Float[np.ndarray, " rows"]:
-        """Unwrapped consecutive numbers; `row` is the number of the first one."""
+        """Unwrap consecutive numbers; `row` is the row of the first one."""
         known, start = np.concatenate([self._last, numbers]), len(self._last)
         self._last, rounds = known[-2:], self._rounds(known)
         rounds = rounds[np.abs(rounds) >= max(start, 1)] if start else rounds

@@ -1,4 +1,4 @@
-"""Doubts about the clock of a recording, and where several recordings stand in one file."""
+"""Doubts about the clock of a recording, and rows at which a file may hold another recording."""
 
 from collections.abc import Collection, Iterator
 from contextlib import suppress
@@ -76,10 +76,10 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
 
 
 def stood(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str]:
-    """Where time stands still, the likeliest cause, and the fix; empty where it does not.
+    """Message that time stands still, likeliest cause, and fix; empty if it does not.
 
     Args:
-        column: of the time.
+        column: name of the time column.
     """
     runs = np.split(clock.extra, np.flatnonzero(np.diff(clock.extra) > 1) + 1)
     longest = max(runs, key=len)
@@ -93,8 +93,8 @@ def stood(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str]:
 
 
 def slowed(clock: Clock, table: LogTable) -> tuple[str, str, str]:
-    """Where rows come at a lower rate than the rest, the likeliest cause, and the fix; empty where
-    they do not."""
+    """Message that some rows have a lower rate than the rest, likeliest cause, and fix; empty if
+    none have."""
     breaks = np.flatnonzero((np.diff(clock.holes) != 1) | np.diff(clock.lost).astype(bool)) + 1
     longest = max(np.split(np.arange(len(clock.holes)), breaks), key=len)
     if len(longest) <= AGREE or clock.lost[longest[0]] < 1:
@@ -109,10 +109,10 @@ def slowed(clock: Clock, table: LogTable) -> tuple[str, str, str]:
 
 
 def restarted(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str]:
-    """Where time starts again, the likeliest cause, and the fix; empty where it does not.
+    """Message that time restarts, likeliest cause, and fix; empty if it does not.
 
     Args:
-        column: of the time.
+        column: name of the time column.
     """
     rows = clock.holes[clock.lost < 0]
     if not rows.size:
@@ -139,7 +139,7 @@ def doubts_about_holes(
     """Doubts about bridged holes, gaps, and segments that are too short.
 
     Args:
-        column: of the time.
+        column: name of the time column.
         longest: most missing rows that are bridged.
         shortest: fewest samples of a usable segment.
 
@@ -218,12 +218,12 @@ def places_of(count: int) -> str:
 def _part_column(
     table: LogTable, time: str, starts: Collection[int]
 ) -> tuple[str, str, str] | None:
-    """The first column that changes in no row but where time starts again, with its values before
-    and after its first change; None without one.
+    """First column that changes only where time restarts, with its values before and after its
+    first change; None without one.
 
     Args:
-        time: column of the time.
-        starts: rows in which time starts again, from 0.
+        time: name of the time column.
+        starts: rows in which time restarts, from 0.
 
     Raises:
         RecordingError: the recording cannot be read.
@@ -251,7 +251,7 @@ def _part_column(
 
 
 def _candidates(table: LogTable, time: str) -> Iterator[str]:
-    """Columns of one value a row that may be read beside the time."""
+    """Columns with one value per row that can be read together with the time."""
     for entry in table.fields:
         if entry.name != time and len(entry.shape) == 1 and not entry.holds:
             with suppress(RecordingError):

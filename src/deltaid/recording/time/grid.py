@@ -2,8 +2,8 @@
 
 A row n with stamp t_n has the level r_n = t_n/T − n = φ(n) + c_n + jitter: the staircase c_n counts
 rows lost before it, and φ drifts slowly with the clock. T and φ follow from the angles of
-exp(2πi r), which whole numbers of lost rows do not change; the staircase is the closest one that
-does not fall (isotonic regression), rounded. With large jitter or shared stamps, angles are
+exp(2πi r), which whole numbers of lost rows do not change. The staircase is the closest
+non-decreasing one (isotonic regression), rounded. With large jitter or shared stamps, angles are
 averaged over rows.
 """
 
@@ -17,22 +17,23 @@ from deltaid.recording.time.clock import HIGHEST_RATE
 
 Times = Float[np.ndarray, " rows"]
 
-# Jitter [periods, rms] above which single stamps do not determine a row's place.
+# Jitter above which single stamps do not determine a row's place [periods, rms].
 SHARP = 0.1
-# Jitter above which angles are averaged, until they are sharp.
+# Jitter above which angles are averaged until it is below `SHARP` [periods, rms].
 _BLURRED = 0.17
 # Mean number of rows per stamp above which stamps count as rounded.
 ROUNDED = 1.05
-# Shortest usual step [s]: keeps places finite; so high a rate is refused.
+# Shortest usual step [s], which keeps places finite; so high a rate is refused later.
 FASTEST = 0.5 / HIGHEST_RATE
-# A step of this many periods, times rows per stamp, is a gap across which the grid may change its
-# phase. Rows on either side that must agree on its place.
+# Step above which a gap may change the phase of the grid [periods times rows per stamp]; and rows
+# on either side that must agree on a place.
 FAR, AGREE = 20.0, 64
-# Rows about a place whose median is its level, up to so much jitter.
+# Rows around a place whose median is its level, and largest jitter for which this holds [periods].
 ABOUT, _CLEAR = 33, 0.6
-# Distance over which rounded stamps pass as much time everywhere, share of such distances at either
-# end that may have lost rows, how whole steps are, and how long [periods], in units of the
-# shortest, and least number of steps over that distance that differ from the usual one.
+# Stamps in long steps: rows over which the same time passes everywhere; share of the largest and of
+# the smallest such times that lost rows may change; largest deviation of steps from multiples of
+# the shortest; range of the shortest step [periods]; and least number of unusual steps over these
+# rows.
 _STEADY, _SOME, _WHOLE, _COARSE, _OFTEN = 1024, 0.05, 0.01, (0.3, 3.0), 8
 # Fewest rows that determine a phase, and fewest rows of a stretch of constant phase.
 FEWEST, _STRETCH = 16, 256
@@ -40,13 +41,13 @@ FEWEST, _STRETCH = 16, 256
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Places of consecutive rows.
+    """Places of consecutive rows on an even grid.
 
     Attributes:
         period: T [s].
-        kept: rows with a place of their own; others are extra or late.
-        lost: rows lost before each kept row; −1 if time restarts.
-        off: stamps minus the grid, of kept rows [periods].
+        kept: rows that have a place; others are extra or late.
+        lost: number of rows lost before each kept row; −1 if time restarts.
+        off: stamps of kept rows minus the grid [periods].
     """
 
     period: float
@@ -63,7 +64,7 @@ class Grid:
 
 
 def place(time: Times) -> Grid:
-    """Places of consecutive rows by their stamps, without wild ones; at least two differ."""
+    """Places of consecutive rows by their stamps, none of which is wild; two must differ."""
     period, sharing = usual_step(time)
     pieces = np.split(np.arange(len(time)), far_steps(time, period, sharing))
     placed = [_placed(time[rows], period, sharing) for rows in pieces]
@@ -84,10 +85,10 @@ def place(time: Times) -> Grid:
 
 
 def repaired(time: Times, period: float, sharing: float) -> tuple[Times, Bool[np.ndarray, " rows"]]:
-    """Stamps with wild ones replaced by interpolation, and which these are.
+    """Stamps with wild ones replaced by interpolation, and whether each stamp is wild.
 
-    Wild stamps are far off their neighbours on both sides. Damaged files have them, and loggers
-    whose clock is read while it is set.
+    Wild stamps are far off their neighbours on both sides. Causes are damaged files, and clocks
+    that are read while they are set.
 
     Args:
         time: stamps of consecutive rows [s].
@@ -105,9 +106,9 @@ def repaired(time: Times, period: float, sharing: float) -> tuple[Times, Bool[np
 
 
 def usual_step(time: Times) -> tuple[float, float]:
-    """Estimate of the period [s], 0 if unknown, and mean number of rows per stamp, where time runs.
+    """Estimate of the period [s], 0 if unknown, and mean number of rows per stamp.
 
-    Time stands still where far more rows share a stamp than elsewhere.
+    Rows do not count where time stands still: where far more rows share a stamp than elsewhere.
     """
     shared = np.diff(np.flatnonzero(np.diff(time, prepend=np.nan)), append=len(time))
     time = time[np.repeat(shared <= FAR * np.quantile(shared, 0.5, method="lower"), shared)]
@@ -122,8 +123,7 @@ def usual_step(time: Times) -> tuple[float, float]:
 
 
 def spread(off: Times) -> float:
-    """Robust standard deviation of stamps: at most that of a normal distribution by the quartiles,
-    or of an even one."""
+    """Robust standard deviation of stamps: at most 0.75 times the distance of the quartiles."""
     low, high = np.quantile(off, [0.25, 0.75])
     return float(min(np.std(off), 0.75 * (high - low)))
 
@@ -164,10 +164,11 @@ def _fitted(
 
 
 def _rounded_period(time: Times) -> float | None:
-    """Period [s] of even rows with stamps in long steps, as seconds in single precision have after
-    hours; None for others.
+    """Period [s] of even rows whose stamps have long steps, like seconds in single precision after
+    hours; None for other rows.
 
-    Over as many rows the same time passes then, but for one step, while lost rows come at random.
+    Over a given number of rows, the same time passes up to one step, while lost rows come at
+    random.
     """
     apart, steps = min(_STEADY, len(time) // 4), np.diff(time)
     quantum = float(np.min(steps, where=steps > 0, initial=np.inf))
@@ -191,8 +192,8 @@ def _counted(time: Times, kept: Int[np.ndarray, " kept"], period: float) -> Grid
 
 
 def _level(time: Times, period: float, noise: float, sharing: float) -> tuple[float, Times, int]:
-    """Period, levels of the rows above an even grid without drift, and rows over which angles were
-    averaged."""
+    """Period [s], levels of the rows relative to an even grid without drift, and number of rows
+    over which angles were averaged."""
     width = _width(noise, sharing, len(time))
     level = time / period - np.arange(len(time))
     period *= 1 + _slope(level, width)
@@ -201,17 +202,17 @@ def _level(time: Times, period: float, noise: float, sharing: float) -> tuple[fl
 
 
 def _falls(level: Times, noise: float, sharing: float) -> Int[np.ndarray, " falls"]:
-    """Extra rows, at which the level falls by one for good."""
+    """Extra rows: those at which the level falls by one and stays there."""
     if sharing > ROUNDED or noise > _CLEAR or len(level) < 2 * ABOUT:
         return np.zeros(0, dtype=int)
     stairs = np.round(medians(level, ABOUT))
-    # Below all before it, because a level that falls after a late row only comes back.
+    # Below all rows before it, because after a late row a level falls only back to its old value.
     return np.flatnonzero(stairs[1:] < _lowest(stairs, AGREE)[:-1]) + 1
 
 
 def _noise(place_: Times, sharing: float) -> float:
     """Jitter of single stamps [periods, rms]: residual of straight lines over the smoothest
-    stretches, which have no lost rows."""
+    stretches, which have lost no rows."""
     size = min(int(16 * sharing), len(place_))
     count = len(place_) // size
     x = np.arange(size) - 0.5 * (size - 1)
@@ -222,7 +223,7 @@ def _noise(place_: Times, sharing: float) -> float:
 
 
 def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " rows"]:
-    """Rows without a place of their own: written between others, or late."""
+    """Rows that have no place: written between others, or late."""
     level = place_ - np.arange(len(place_))
     usual = medians(level, 9)
     back = np.diff(place_, prepend=-np.inf)
@@ -236,7 +237,7 @@ def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " ro
     if sharing > ROUNDED:
         return late
     low = medians(level, 5)
-    # Lowest before and after, so that late stamps that are caught up are no extra rows.
+    # The lowest levels before and after are compared, so that a late stamp is no extra row.
     before, after = _lowest(low, AGREE)[:-1], _lowest(low[::-1], AGREE)[::-1][1:]
     falls = np.append(False, after - before < -0.5)
     return late | (falls & (np.abs(back) < (0.4 if noise < SHARP else 1e-9)))
@@ -254,7 +255,7 @@ def _width(noise: float, sharing: float, rows: int) -> int:
 
 
 def _slope(level: Times, width: int) -> float:
-    """Rise of the level per row without whole steps, from short distances to long ones."""
+    """Rise of the level per row apart from whole steps, from short distances to long ones."""
     slope, apart, rows = 0.0, 1, np.arange(len(level))
     while apart < max(2, len(level) // 8):
         flat = _mean(level - slope * rows, width)
@@ -275,8 +276,8 @@ def _phase(level: Times, width: int) -> Times:
 
 
 def _stairs(level: Times, noise: float, sharing: float, width: int) -> Int[np.ndarray, " rows"]:
-    """The closest non-decreasing integers to the level."""
-    # A stamp that is far off, or late and then caught up, is no lost row.
+    """Non-decreasing integers that are closest to the level."""
+    # A stamp that is far off, or late, does not mean a lost row.
     smooth = medians(level, 2 * int(4 * sharing) + 1)
     low = np.minimum.accumulate(smooth[::-1])[::-1]
     high = np.minimum(low, np.maximum.accumulate(smooth))
@@ -286,7 +287,7 @@ def _stairs(level: Times, noise: float, sharing: float, width: int) -> Int[np.nd
         return np.maximum.accumulate(np.round(level).astype(int))
     from scipy.optimize import isotonic_regression
 
-    # Both ends are extended by their mean, or a single stamp there would make a step.
+    # Both ends are extended by their mean, because a single stamp there would make a step.
     beyond, near = 2 * width, max(9, width)
     ends = [np.full(beyond, np.round(np.mean(x))) for x in (level[:near], level[-near:])]
     stairs = isotonic_regression(np.concatenate([ends[0], level, ends[1]])).x
@@ -298,5 +299,5 @@ def _mean(x: Times, width: int) -> Times:
 
 
 def medians(x: Times, width: int) -> Times:
-    # A width beyond x is slow, with the same result.
+    # A width larger than x is slow and gives the same result.
     return median_filter(x, min(width, len(x) - 1 + len(x) % 2), mode="nearest")

@@ -1,12 +1,12 @@
 """Merges channels with different clocks, and cuts recordings into segments on an even grid.
 
 A signal that is sampled fast against its motion is interpolated by Lagrange's polynomial through
-the eight nearest samples, evenly spaced or not. It errs by less than 3e-5 of a motion's amplitude
-up to a tenth of the sampling rate, the limit of differentiation, and loses no samples at the ends.
+the eight nearest samples, evenly spaced or not. Its error is below 3e-5 of a motion's amplitude up
+to a tenth of the sampling rate, the limit of differentiation. No samples are lost at the ends.
 
-A short hole of a recording is bridged: positions and velocities are interpolated, torques do not
-count, and sensors are NaN. A long hole ends a segment. Uneven samples are all interpolated. States,
-such as that of a gripper, hold their value until the next one is recorded.
+A short hole in a recording is bridged: positions and their derivatives are interpolated, torques
+have weight 0, and sensors are NaN. A long hole ends a segment. Uneven samples are all interpolated.
+States, such as that of a gripper, hold their value until the next one is recorded.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,28 +22,28 @@ from deltaid.recording.source import BATCH_ROWS
 from deltaid.recording.time.clock import Clock
 from deltaid.recording.units import SIDE
 
-# Instants that are interpolated together: under them lie as many samples as a batch has.
+# Instants that are interpolated together: they depend on as many samples as a batch has.
 _CHUNK = BATCH_ROWS // (2 * SIDE)
-# Least distance of two samples with a gap between them, in which nothing is known [periods].
+# Least distance of two samples between which the motion is unknown [periods].
 GAP = 3.0
 Times = Float[np.ndarray, " samples"]
 Instants = Float[np.ndarray, " instants"]
 Values = Float[np.ndarray, "samples channels"]
 Places = Float[np.ndarray, " _"]
-# Consecutive rows of a segment: its number, its first time [s] (NaN for that of the first row), the
-# rows, and how many are missing before each.
+# Consecutive rows of a segment: number of the segment, its first time [s] (NaN for that of the
+# first row), rows, and number of rows missing before each.
 _Part = tuple[int, float, Rows, Int[np.ndarray, " rows"]]
 
 
 def interpolate(
     time: Times, values: Values, at: Instants
 ) -> Float[np.ndarray, "instants channels"]:
-    """Channels at other instants, by the polynomial of degree 7 through the samples about each.
+    """Interpolate channels by the polynomial of degree 7 through the samples around each instant.
 
     Args:
-        time: of the samples, strictly increasing [s]; need not be even.
+        time: times of the samples [s], strictly increasing; they need not be even.
         values: one row per sample.
-        at: instants, in any order; outside of `time` the last polynomial extrapolates.
+        at: instants [s] in any order; outside `time` the outermost polynomial extrapolates.
     """
     points = min(2 * SIDE, len(time))
     out = np.empty((len(at), values.shape[1]))
@@ -59,7 +59,7 @@ def interpolate(
 def weights_at(
     nodes: Float[np.ndarray, "instants points"], at: Instants
 ) -> Float[np.ndarray, "instants points"]:
-    """Lagrange's weights of the nodes about each instant: ℓ_j = Π (t − t_i) / (t_j − t_i)."""
+    """Lagrange's weights of the nodes around each instant: ℓ_j = Π (t − t_i) / (t_j − t_i)."""
     away = at[:, None] - nodes
     apart = nodes[:, :, None] - nodes[:, None, :]
     itself = np.arange(nodes.shape[1])
@@ -74,7 +74,7 @@ class Signal:
     """Channels that share one clock.
 
     Attributes:
-        time: of the samples [s], on an axis that all signals of a recording share.
+        time: times of the samples [s], with the same origin for all signals of a recording.
         values: one row per sample, one column per channel.
     """
 
@@ -85,18 +85,18 @@ class Signal:
 def merged(
     names: Iterable[str], parts: Iterable[Sequence[Signal]], where: str
 ) -> tuple[Signal, list[bool]]:
-    """Signals, each in consecutive parts, merged at the instants of the fastest.
+    """Merge signals at the instants of the fastest one.
 
-    Values of the fastest signal, and of signals with the same stamps, stay; others are
-    interpolated. Instants before the start, after the end or in a hole of another signal are
-    dropped, so that a hole of any signal is one of the recording. Doubled and late samples are
-    dropped too.
+    The fastest signal, and signals with the same stamps, keep their values; others are
+    interpolated, without their doubled and late samples. Instants before the start, after the end
+    or in a hole of another signal are dropped, so a hole of any signal is one of the recording.
 
     Args:
-        names, where: for messages.
+        names, where: names of the signals and of the recording, for messages.
+        parts: consecutive parts of each signal.
 
     Returns:
-        All channels in the given order, and which signals have just these instants.
+        All channels in the given order, and whether each signal has exactly these instants.
 
     Raises:
         RecordingError: a signal has fewer than two samples.
@@ -127,7 +127,7 @@ def merged(
 
 
 def are_later(time: Times) -> Bool[np.ndarray, " samples"]:
-    """Samples whose stamps are later than all before them."""
+    """Whether the stamp of each sample is later than all before it."""
     return np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])
 
 
@@ -138,11 +138,11 @@ def _period(time: Times) -> float:
 
 
 def longest_hole(rate: float, cutoff: float) -> int:
-    """Most consecutive missing rows that are bridged.
+    """Largest number of consecutive missing rows that are bridged, at a rate and cut-off [Hz].
 
-    Samples around the hole are then at most a quarter of a period of the cut-off apart, an eighth
-    of that of the fastest motion; a polynomial of degree 7 through eight samples so far apart errs
-    by less than 2e-4 of that motion.
+    Samples around such a hole are at most a quarter of a period of the cut-off apart, which is an
+    eighth of a period of the fastest motion. A polynomial of degree 7 through eight samples that
+    far apart has an error below 2e-4 of that motion.
     """
     return max(1, int(rate / (4 * cutoff)) - 1)
 
@@ -156,7 +156,7 @@ def segments(
         batches: all rows of the recording, columns as in `Columns.all`; weights may follow.
         clock: times of the rows.
         longest: most missing rows that are bridged.
-        columns: of the rows.
+        columns: columns of the rows.
     """
     if clock.steady:
         yield iter(batches)
@@ -166,7 +166,7 @@ def segments(
 
 
 def _parts(batches: Iterable[Rows], clock: Clock, longest: int) -> Iterator[_Part]:
-    """Consecutive rows that have a place of their own."""
+    """Consecutive rows of each segment, without excluded rows."""
     cuts = clock.cuts(longest)
     steps, begins = np.where(cuts, 0, clock.lost), [np.nan, *clock.until[cuts].tolist()]
     number = start = 0
@@ -191,8 +191,8 @@ def _parts(batches: Iterable[Rows], clock: Clock, longest: int) -> Iterator[_Par
 def _samples(
     parts: Iterable[_Part], clock: Clock, longest: int, columns: Columns
 ) -> Iterator[Rows]:
-    """The samples of a segment; rows wait for their later neighbours."""
-    reach = SIDE * (longest + 1)  # rows on either side of an interpolated one
+    """Samples of a segment; rows wait in memory until later neighbours are read."""
+    reach = SIDE * (longest + 1)  # largest distance of rows that interpolate a row
     waiting, places, begin, given = np.zeros((0, 0)), np.zeros(0), np.nan, 0
     sampled = _interpolated if clock.even is False else _bridged
     states = slice(columns.sensor_places.stop, columns.extra_places.stop)
@@ -225,7 +225,7 @@ def _samples(
 
 
 def _interpolated(rows: Rows, places: Places, wanted: Places, columns: Columns) -> Rows:
-    """Samples at places, all interpolated."""
+    """Interpolate the samples at all wanted places."""
     weights = slice(columns.extra_places.stop, None)
     out = interpolate(places, rows, wanted)
     after = np.clip(np.searchsorted(places, wanted), 1, len(places) - 1)
@@ -236,11 +236,11 @@ def _interpolated(rows: Rows, places: Places, wanted: Places, columns: Columns) 
 
 
 def _bridged(rows: Rows, places: Places, wanted: Places, columns: Columns) -> Rows:
-    """Existing rows, and polynomials across holes."""
+    """Existing rows at the wanted places, and polynomials across holes."""
     at = np.searchsorted(places, wanted)
     out = rows[at]
     holes = np.flatnonzero(places[at] != wanted)
-    if holes.size and len(places) < 2 * SIDE:  # too short to be used
+    if holes.size and len(places) < 2 * SIDE:  # a segment that is too short to be used
         for k in range(out.shape[1]):
             out[holes, k] = np.interp(wanted[holes], places, rows[:, k])
     elif holes.size:
@@ -253,8 +253,8 @@ def _bridged(rows: Rows, places: Places, wanted: Places, columns: Columns) -> Ro
 
 
 def _about(places: Places, after: Int[np.ndarray, " holes"]) -> Int[np.ndarray, "holes points"]:
-    """Rows around each missing sample, as far apart as the hole is wide, so that the polynomial
-    does not oscillate. `after` is the row after the hole."""
+    """Rows that interpolate each missing sample, as far apart as the hole is wide, so that the
+    polynomial does not oscillate; `after` is the row after the hole."""
     points = 2 * SIDE
     room = np.minimum(after - 1, len(places) - 1 - after) // (SIDE - 1)
     apart = np.clip((places[after] - places[after - 1]).astype(int), 1, np.maximum(1, room))

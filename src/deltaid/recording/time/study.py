@@ -1,9 +1,9 @@
-"""Determines the clock of a recording with unsteady rows, in a pass of its own.
+"""Determines the clock of a recording with unsteady rows, in a separate pass.
 
 Positions determine missing rows better than stamps that jitter by more than a tenth of a step, or
 that rows share. At each hole that stamps suggest, polynomials are fitted to the positions without
-the hole and with the hole before each nearby row; the largest log-likelihood −½ n log s², s² the
-residual of n rows, decides.
+the hole, and with the hole before each nearby row. The largest log-likelihood −½ n log s² decides,
+with the squared residual s² of n rows.
 """
 
 from collections.abc import Iterable
@@ -35,22 +35,19 @@ from deltaid.recording.units import SIDE
 
 # Rows at either end of a block whose places are ignored.
 _EDGE = 1024
-# Times explain positions if these are less rough over them, by this factor.
+# Ratio of the roughness of positions over grid and stamps below which one of them is right.
 _CLEAR = 0.7
-# Positions are without noise if they are rough by less than this [rad or m].
+# Roughness below which positions count as free of noise [rad or m].
 _SMOOTH = np.sqrt(np.finfo(float).eps)
 Places = Int[np.ndarray, " _"]
-# Distance within which a hole is searched: least rows, multiple of the jitter, most rows.
+# Distance within which a hole is searched: fewest rows, multiple of the jitter, most rows.
 _NEAR, _REACH, _FARTHEST = 8, 4.0, 128
-# Longest hole that is searched for; stamps determine longer ones.
+# Longest hole that positions determine [rows]; stamps determine longer ones.
 _LONGEST = int(GAP)
 
 
 def study(batches: Iterable[Rows], dof: int) -> Clock:
-    """The clock of a recording from its rows: time, positions of the drives, other channels.
-
-    Blocks share 2 · _EDGE rows.
-    """
+    """Clock of a recording from its rows: time, positions of the drives, other channels."""
     notes, start = _ClockStudy(dof), 0
     before: Rows | None = None
     for rows in chain(recut(batches, BATCH_ROWS), [None]):
@@ -64,12 +61,12 @@ def study(batches: Iterable[Rows], dof: int) -> Clock:
 
 @dataclass
 class _Reading:
-    """Running result of one way to place rows.
+    """Running result of one interpretation of stamps: even or uneven samples.
 
     Attributes:
-        holes: holes, lost, since and until of `Clock`, block by block.
-        extra: excluded rows.
-        sums: number and sum of periods [s], and sum of squared deviations.
+        holes: `holes`, `lost`, `since` and `until` of `Clock`, block by block.
+        extra: excluded rows, block by block.
+        sums: number of periods, their sum [s], and sum of squared deviations [s²].
     """
 
     holes: list[np.ndarray] = field(default_factory=list[np.ndarray])
@@ -99,7 +96,7 @@ class _ClockStudy:
         self.by_grid, self.by_stamps = np.zeros((2, dof))
 
     def add(self, block: Rows, start: int, *, last: bool) -> None:
-        """Add a block without the rows at its ends, which neighbouring blocks own."""
+        """Add a block, without the rows at its ends that belong to neighbouring blocks."""
         own = range(_EDGE if start else 0, len(block) if last else len(block) - _EDGE)
         time, wild = repaired(block[:, 0], *usual_step(block[:, 0]))
         self.first = self.first if self.rows else float(time[0])
@@ -128,7 +125,8 @@ class _ClockStudy:
         kept = single[grid.kept]
         if spread(grid.off) > SHARP:
             grid = _revised(grid, block[kept, 1 : 1 + self.dof])
-        # Between more rows out of place than a hole may have, the number of lost rows is unknown.
+        # Where more consecutive rows have no place than a hole may have, the number of lost rows is
+        # unknown.
         grid.lost[np.flatnonzero(np.diff(grid.kept) > _LONGEST + 1) + 1] = -1
         if wild.any():
             grid = grid.without(wild[kept])
@@ -215,7 +213,7 @@ class _ClockStudy:
 
 
 def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
-    """Rows that repeat the one before them at almost the same time.
+    """Whether each row repeats the row before it at almost the same time.
 
     If rows share stamps, equal rows of a resting robot are no repetition.
     """
@@ -228,8 +226,8 @@ def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
     doubled = equal & (np.diff(block[:, 0], prepend=-np.inf) < 0.5 * usual)
     alone = equal & ~(np.append(equal[1:], False) | np.append(False, equal[:-1]))
     if sharing > ROUNDED:
-        return doubled & alone if usual else equal  # all of them where time stands
-    # With new stamps: more rows in the same time.
+        return doubled & alone if usual else equal  # all of them if time stands still
+    # Repetitions with new stamps make more rows in the same time.
     level = medians(block[:, 0] / usual - np.arange(len(block)), ABOUT)
     rows = np.flatnonzero(alone & ~doubled)
     side = ABOUT // 2 + 1
@@ -241,7 +239,7 @@ def _doubled(block: Rows) -> Bool[np.ndarray, " rows"]:
 def _roughness(
     x: Float[np.ndarray, " rows"], q: Float[np.ndarray, "rows dof"]
 ) -> Float[np.ndarray, "inner dof"]:
-    """Residual of each row from the cubic through two rows before and two after it."""
+    """Residual of each row from the cubic through the two rows before and the two after it."""
     count = len(x) - 4
     neighbours = (0, 1, 3, 4)
     nodes = np.column_stack([x[k : k + count] for k in neighbours])
@@ -253,7 +251,7 @@ def _roughness(
 
 
 def _revised(grid: Grid, q: Float[np.ndarray, "kept dof"]) -> Grid:
-    """A grid with its short holes where positions have them, and without false ones.
+    """Grid with short holes at the rows that positions suggest, and without false holes.
 
     Args:
         q: positions at the kept rows.
@@ -272,7 +270,7 @@ def _revised(grid: Grid, q: Float[np.ndarray, "kept dof"]) -> Grid:
         likely = _likelihood(around, missing, near)  # without a hole, then for each place
         best = likely.argmax(axis=1)
         gain = likely[np.arange(len(at)), best] - likely[:, 1 + near]
-        # At a likelihood ratio above the number of rows, chance overrules less than one hole.
+        # With a likelihood ratio above the number of rows, chance moves less than one hole.
         sure = gain > np.log(rows)
         lost[at[sure]] = 0
         moved = sure & (best > 0)
@@ -283,7 +281,7 @@ def _revised(grid: Grid, q: Float[np.ndarray, "kept dof"]) -> Grid:
 def _likelihood(
     around: Float[np.ndarray, "holes rows dof"], missing: int, near: int
 ) -> Float[np.ndarray, "holes places"]:
-    """Log-likelihoods without a hole, and with one before each row from −near to near."""
+    """Log-likelihoods without a hole, and with a hole before each row from −near to near."""
     side = near + SIDE
     x = np.arange(-side, side)
     places = [side, *range(-near, near + 1)]
