@@ -36,7 +36,7 @@ from deltaid.parallel import cores
 # Samples per block: few enough for the cache, and not a power of two, because rows a power of two
 # apart compete for the same cache lines.
 BLOCK = 2000
-# Blocks per thread from which another thread pays.
+# Fewest blocks per thread by default: a thread for fewer does not pay.
 _SHARE = 8
 
 _POINTER, _INT = ctypes.c_void_p, ctypes.c_int64

@@ -67,7 +67,8 @@ class DriveColumn(Part):
 
 
 class _Several(Part):
-    """One entry for several columns: those of one array, or a list; of all else one, or a list."""
+    """One entry for several columns: one array or a list of columns, and other keys with one value
+    for all columns or a list."""
 
     column: Name | None = Field(
         default=None, description="array with one column a drive: column[0], column[1], …"

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from deltaid.errors import nearest
 from deltaid.robot.yaml_tree import Entry, child
 
-# Largest number of complaints in a message: a user fixes a few at a time.
+# Most complaints that one message lists, so that it stays readable.
 _MOST = 5
 _REASONS = {
     "missing": "is missing",

@@ -47,7 +47,7 @@ def yaml_text(data: Data) -> str:
 
 def _json_lines(entries: list[Any]) -> str:
     """Mappings as lines of JSON, which is valid YAML; empty if some entry is not a mapping or has
-    characters that YAML does not allow."""
+    unprintable characters."""
     lines = [f"- {json.dumps(entry, ensure_ascii=False)}" for entry in entries]
     is_yaml = all(isinstance(entry, dict) for entry in entries)
     is_yaml &= all(line.isprintable() for line in lines)

@@ -35,7 +35,8 @@ from deltaid.recording.units import SIDE
 
 # Rows at either end of a block whose places are ignored.
 _EDGE = 1024
-# Ratio of the roughness of positions over grid and stamps below which one of them is right.
+# Ratio of the roughness of positions over stamps to that over the grid below which samples are
+# uneven; above its inverse they are even.
 _CLEAR = 0.7
 # Roughness below which positions count as free of noise [rad or m].
 _SMOOTH = np.sqrt(np.finfo(float).eps)
