@@ -120,7 +120,7 @@ class PreparedRecording(Shown):
         return ordered(done, islice(self._window_makers(kinematics), None, None, self.every))
 
     def _window_makers(self, kinematics: Kinematics) -> Iterator[_WindowMaker]:
-        """Functions that make the windows, segment by segment; no window reaches beyond one."""
+        """Functions that make the windows of each segment; no window reaches beyond its segment."""
         log, low_pass, repairs, start = self.log, self.filter, self.repairs, 0
         directions = burden = None
         if not log.keep_all:

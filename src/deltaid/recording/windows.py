@@ -173,7 +173,7 @@ class Window:
         return apply(self.low_pass.power, weights**2, every)[:, : -(-len(self.own.time) // every)]
 
     def trimmed(self, x: Shaped[np.ndarray, "wide ..."]) -> Shaped[np.ndarray, "own ..."]:
-        """Those of the values at the `wide` samples that belong to own samples, unfiltered."""
+        """Unfiltered values at the own samples, from values at the `wide` samples."""
         lost = self.low_pass.lead_half + self.low_pass.stride * self.low_pass.half
         return x[lost : lost + len(self.own.time)]
 

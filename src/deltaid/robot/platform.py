@@ -32,7 +32,7 @@ from deltaid.robot.part import (
 # `_check` below refuses other values with a message; editors read the limits in the JSON Schema.
 Ratio = Annotated[float, Field(ge=-1e3, le=1e3, json_schema_extra={"not": {"const": 0}})]
 LimbNumber = Annotated[int, Field(json_schema_extra={"minimum": 1, "maximum": 4})]
-# The same for `Telescope`.
+# The check of `Telescope` refuses other numbers with a message; editors read this limit.
 Stroke = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0.0})]
 
 

@@ -204,7 +204,7 @@ class FrameTable(LogTable):
     def checksum(self, columns: Sequence[str]) -> str:
         """SHA-256 of these columns: their addresses, and their numbers as binary64 without units.
 
-        Equal numbers from arrays, polars or pandas have equal checksums; that of a file is another.
+        Equal numbers from arrays, polars or pandas have equal checksums, unlike those from a file.
         """
         digest = hashlib.sha256("\0".join(columns).encode())
         has_dates = self.picks(columns)[0].field.is_clock
