@@ -1,17 +1,18 @@
 """A six-axis sensor under the base: rows of the force and moment that it exerts on the robot.
 
-Internal forces cancel, so the sensor carries the inertial and gravity forces of all moving bodies,
+Springs, friction and loop closures are internal and cancel. The sensor carries the inertial and
+gravity forces of all moving bodies,
 
-    f = Σ (m a + …),    n = Σ (moment about the link frame + (r − o) × force),
+    f = Σ (m a + …),    μ = Σ (moment about the link frame + (r − o) × force),
 
-from `dynamics.speed_forces.wrench` about its origin o. Springs, friction and loop closures cancel.
-A rotor with the reflected inertia I turns n times as fast as its drive: its inertia is I/n², its
-spin I/n q̇ about the drive's axis, and the base exerts I/n q̈ on it. For a rail n is 2π times the
-spindle's turns per metre, about the rail's direction.
+about its origin o, from `dynamics.speed_forces.wrench`. A rotor with the reflected inertia I turns
+n times as fast as its drive: its inertia is I/n², its spin I/n q̇ about the drive's axis, and the
+base exerts I/n q̈ on it. For a rail n is 2π times the spindle's turns per metre, about the rail's
+direction.
 
 With an origin that is off by δ and axes turned by θ, both in the sensor's axes, it measures
 
-    f + f × θ,    m + m × θ + f × δ.
+    f + f × θ,    μ + μ × θ + f × δ.
 """
 
 from collections.abc import Iterator
@@ -42,7 +43,7 @@ _Spin = tuple[str, str, Float[np.ndarray, " 3"]]
 
 @dataclass(frozen=True, eq=False)
 class BaseWrenchRows(SensorRows):
-    """One base wrench sensor.
+    """Rows of one base wrench sensor.
 
     Raises:
         DescriptionError: a motor with no turns, or turns given for motors of a user's own
@@ -87,7 +88,8 @@ class BaseWrenchRows(SensorRows):
 
     @property
     def moving(self) -> tuple[PriorParameter, ...]:
-        """I/n of rotors whose n is unknown: up to I, that of a direct drive."""
+        """I/n of each rotor whose n is unknown; its prior deviation is I, as of a direct drive, or
+        I/2π of a rail."""
         robot = self.dynamics.robot
 
         def spin(drive: str, symbol: str) -> PriorParameter:
@@ -108,10 +110,11 @@ class BaseWrenchRows(SensorRows):
         yield from self.gain(s.gain_tolerance)
 
     def _off(self, symbol: str, unit: str, std: float, what: tuple[int, ...]) -> Iterator[Unknown]:
-        """Pose errors along each axis j, none for a std of zero, with columns v × e_j.
+        """Yield pose errors along each axis j with columns v × e_j; none where std is zero.
 
         Args:
-            what: channels v: forces for a position, whose lever changes moments; all for a turn.
+                what: channels v: forces for a position error, which changes moments; all for a
+                    rotation error.
         """
         starts, moved = range(0, len(what), 3), 3 if len(what) == 3 else 0
         for j, axis in enumerate(_AXES if std else ""):

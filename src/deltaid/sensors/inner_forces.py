@@ -3,11 +3,11 @@
 A gauge on a strut, or on both struts of a limb, measures the axial force, tension positive. At the
 platform's joint and at the elbow's, `dynamics.force_equations` gives it, together with the moment
 that the elbow exerts about the axis perpendicular to both of its axes. At a cut between them, the
-part of the strut beyond the cut has a mass m_o and a first moment mc_o of its own:
+part of the strut beyond the cut has a mass m_o and a first moment mc_o:
 
     N = N_platform − x · (m_o (a − g) + ω × (ω × mc_o) + ω̇ × mc_o),    mc_o along x.
 
-A torque sensor between gear and arm has the drive's row of Y without its motor: friction, load
+A torque sensor between gear and arm measures the drive's row of Y without the motor: friction, load
 friction and rotor of the drive are on the motor's side. Springs across the joint and the torques of
 all other joints are on the link's side. For a rail it is a force sensor between spindle and
 carriage.
@@ -32,7 +32,7 @@ from deltaid.sensors.rows import SensorRows, Unknown, wide_force, wide_moment
 
 @dataclass(frozen=True, eq=False)
 class StrutForceRows(SensorRows):
-    """One gauge.
+    """Rows of one gauge on a strut.
 
     Raises:
         DescriptionError: there is no such strut, or only the sum of a limb's struts is determined.
@@ -59,7 +59,7 @@ class StrutForceRows(SensorRows):
 
     @property
     def moving(self) -> tuple[PriorParameter, ...]:
-        """Mass and first moment of one strut's part beyond the cut, half of a uniform strut's."""
+        """Mass and first moment of one strut beyond the cut, a priori of half a uniform strut."""
         if self.sensor.at != "middle":
             return ()
         m = self.dynamics.robot.bodies[self._body.name].prior_parameters()[0]
@@ -138,7 +138,7 @@ def _only_sums(dynamics: Dynamics, where: str, wanted: str) -> DescriptionError:
 
 @dataclass(frozen=True, eq=False)
 class JointTorqueRows(SensorRows):
-    """One torque sensor.
+    """Rows of one joint torque sensor.
 
     Raises:
         DescriptionError: there is no such drive.

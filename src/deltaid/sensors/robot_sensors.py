@@ -1,7 +1,7 @@
 """Rows of all sensors of a robot, their values along a motion, and the derivatives of these with
 respect to lengths, drives' zeros and the direction of gravity.
 
-As for torques in `dynamics.geometry`, q is measured, so z depends on lengths and zeros. A plate
+As for torques in `dynamics.geometry`, q is measured, so z depends on lengths and zeros. A sensor
 under the base tilts with it.
 """
 
@@ -48,7 +48,7 @@ def sensor_rows(
 def _cached_rows(
     dynamics: Dynamics, name: str, kind: type[Sensor], described: str, prior_spread: float
 ) -> SensorRows:
-    """Rows with their compiled kernels: a fit asks for them many times."""
+    """Rows with their compiled kernels, cached because a fit requests them many times."""
     return _KINDS[kind](dynamics, name, prior_spread, kind.model_validate_json(described))
 
 
@@ -64,17 +64,17 @@ def all_sensor_rows(
     return tuple(sensor_rows(dynamics, name, sensor, prior_spread) for name, sensor in sensors)
 
 
-# Unknowns of the robot's parts are off their prior by at most this share of its deviation.
+# Largest deviation of drawn unknowns of the robot's parts, as a share of their prior deviation.
 _AWAY = 0.3
 
 Unknowns = Float[np.ndarray, " unknowns"]
 
 
 def drawn_unknowns(rows: SensorRows) -> Unknowns:
-    """Random unknowns of one sensor, the same for one name, so in all recordings of a robot.
+    """Random unknowns of one sensor, seeded by its name, so equal in all recordings of a robot.
 
     Biases, gains and poses are drawn from the described distributions. Properties of the robot's
-    parts, such as a rotor's spin, are as near to their priors as its bodies are to theirs.
+    parts, such as a rotor's spin, deviate from their priors as little as its bodies do.
     """
     rng = np.random.default_rng([0, zlib.crc32(rows.name.encode())])
 

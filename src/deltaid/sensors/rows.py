@@ -4,7 +4,7 @@
 
 Each kind of sensor is a class in a file of its own. All kinds take columns from a graph; some
 columns also depend on the measured values y. Columns of u that follow from the motion, such as a
-rotor's spin, stand in the graph after C. The column of a bias is ones, that of a gain is y, because
+rotor's spin, follow C in the graph. The column of a bias is ones, that of a gain is y, because
 y = (C p + b)/(1 − g) is
 
     y = C p + b + g y.
@@ -15,7 +15,7 @@ deviations. So columns take y from a linearization point (`SensorRows.about`),
 
     h = C p₀ + b₀,    h' = h + (0, f × δ₀),    v = h' + ½ (h' + v) × θ₀,    ŷ = v / (1 − g₀),
 
-and the fit is repeated about its result until it settles. Columns of the position use h, those of
+and the fit is repeated about its result until it settles. Columns of the position use h, columns of
 the axes ½ (h' + v): so v is h' turned by 2 arctan(|θ₀|/2), of the same length.
 """
 
@@ -99,7 +99,7 @@ class SensorRows(ABC):
 
     @property
     def parameters(self) -> tuple[PriorParameter, ...]:
-        """Its unknowns u, of kind 'sensor'; `scale` · prior spread is what is known of each."""
+        """Unknowns u, of kind 'sensor'; `scale` · prior spread is the prior deviation of each."""
         return (*self.moving, *(unknown.parameter for unknown in self._still))
 
     @cached_property
@@ -123,7 +123,7 @@ class SensorRows(ABC):
     def entries(
         self, z: Motion, qd: Motion, qdd: Motion, shown: Shown
     ) -> Float[np.ndarray, "entries samples"]:
-        """The entries at some samples, in the order of the pattern.
+        """Entries of [C, D] at some samples, in the order of `pattern`.
 
         Args:
             shown: measured values there, in SI and the sensor's axes; for pose and gain.
@@ -176,7 +176,7 @@ class SensorRows(ABC):
         return total
 
     def _feedback(self, values: np.ndarray, symbol: str = "") -> Float[np.ndarray, "n n"]:
-        """K with D(y) u = D(0) u + K y; of unknowns whose symbol begins with `symbol` alone."""
+        """K with D(y) u = D(0) u + K y, only of unknowns whose symbol begins with `symbol`."""
         values = np.where(self._entries_of(symbol), values[self.pattern[1]], 0.0)
         still, unit = values[len(self._compiled[1][0]) :], np.eye(len(self.channels))
         columns = [entry.column(unit) - entry.column(0 * unit) for entry in self._still]
@@ -212,7 +212,7 @@ class SensorRows(ABC):
         )  # fmt: skip
 
     def bias(self, channel: int, symbol: str, std: float) -> Iterator[Unknown]:
-        """The offset of one channel; none where it is zero."""
+        """Yield the offset of one channel; nothing where its deviation is zero."""
         if std:
             yield Unknown(
                 self.unknown(symbol, self.channels[channel].unit, std),
@@ -221,7 +221,7 @@ class SensorRows(ABC):
             )
 
     def gain(self, tolerance: float) -> Iterator[Unknown]:
-        """The relative error that all channels share; none where its tolerance is zero."""
+        """Yield the relative error that all channels share; nothing where its tolerance is zero."""
         if tolerance:
             yield Unknown(
                 self.unknown("gain", "", tolerance),
@@ -243,7 +243,7 @@ def wide_force(dynamics: Dynamics) -> float:
 
 
 def wide_moment(dynamics: Dynamics, about: Float[np.ndarray, " 3"]) -> float:
-    """The same of a moment [N m]: ten times the weight at the body farthest from a point."""
+    """Deviation of an unknown offset of a moment [N m]: that force at the farthest body's lever."""
     mechanism = dynamics.kinematics.mechanism
     origins = [ca.DM(body.R_WL) @ body.origin.at for body in mechanism.bodies]
     places = ca.Function("origins", [mechanism.z], [ca.horzcat(*origins)])
