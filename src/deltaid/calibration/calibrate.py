@@ -32,7 +32,7 @@ from deltaid.robot.load import RobotLike, described, load_yaml, save_yaml
 from deltaid.sensors.planning.offers import PoseKind
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
-# Larger deviations [m, rad] mean another robot.
+# Largest accepted prior deviations of lengths [m] and angles [rad]; beyond, it is another robot.
 _FARTHEST, _STEEPEST = 0.1, 0.3
 
 
@@ -57,20 +57,23 @@ class Calibration(Shown, Plotted, Tabled, Reported):
     """A calibrated geometry.
 
     Attributes:
-        described, robot: as it was, and with the estimated geometry and its tolerances.
-        lost, left: kinds of numbers that `robot`, `zeros` and `scales` cannot hold, in words, and
-            root mean square of positions by them [m].
-        zeros: by rotary drive, what its coordinate is more than recorded [rad]; those of rails are
-            in `robot`.
-        scales: by drive, the share that it moves more than recorded.
-        values, std: of all numbers, how much they exceed the described ones [m, rad or share].
-        decided, shares: of each number, which source ('description', an instrument's kind, or
-            'torques') decided it most, and all their shares, description first.
-        sessions: readings, file by file.
-        rank: how many combinations of numbers and instruments' unknowns readings know better than
-            the description does, these to a millimetre and a milliradian.
-        before, after: what is known of positions and sizes.
-        open: combinations that matter and that readings do not know.
+            described, robot: the given description, and the same with the estimated geometry and
+                its tolerances.
+            lost, left: kinds of numbers that `robot`, `zeros` and `scales` cannot hold, in words,
+                and the position error by losing them, root mean square [m].
+            zeros: by rotary drive, how much its coordinate exceeds the recorded one [rad]; zeros of
+                rails are in `robot`.
+            scales: by drive, the share by which its motion exceeds the recorded one.
+            values, std: deviation of each number from the description, and its standard deviation
+                [m, rad or share].
+            decided, shares: for each number, the source ('description', an instrument's kind, or
+                'torques') that decided it most, and the shares of all sources, description first.
+            sessions: readings, file by file.
+            rank: number of combinations of numbers and instruments' unknowns that readings
+                determine better than the prior: the description, a millimetre and a milliradian for
+                    instruments.
+            before, after: uncertainty of positions and sizes before and after the measurements.
+            open: combinations that matter and that readings do not determine.
     """
 
     described: RobotDescription
@@ -124,7 +127,7 @@ class Calibration(Shown, Plotted, Tabled, Reported):
 
     @property
     def unseen(self) -> tuple[str, ...]:
-        """Mistakes of measuring that these readings cannot show."""
+        """Measuring mistakes that these readings cannot reveal."""
         kinds = {session.kind for session in self.sessions}
         if "points" in kinds or not self.described.identical_drives:
             return ()
@@ -136,8 +139,8 @@ class Calibration(Shown, Plotted, Tabled, Reported):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Numbers that are farther from the description than it allows, noise that is larger or
-        smaller than stated, and what checks of recordings doubt."""
+        """Numbers that are farther from the description than it allows, noise that differs from the
+        stated one, and doubts of the checks of recordings."""
         far, torques = self.fit.far, self.known.torques
         rows = [
             (f"{self.names[k]} is {far[k]:.2g} standard deviations from its description",
@@ -190,30 +193,32 @@ def calibrate(
     tool: Sequence[float] = (0.0, 0.0, 0.0),
     progress: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
-    """The geometry of a robot from measured poses, by any mixture of instruments.
+    """Estimate the geometry of a robot from measured poses, by any mixture of instruments.
 
     Args:
         robot: a description of limbs, by name, file or value.
-        points: 3-D points of a tracker or camera in a frame of its own: files, or tables.
-        probe: touches of a plane, bare or on blocks of known height.
-        distances: between two tool points each, of a calliper or a ballbar.
-        torques: recordings as of `identify`, beside other readings; they show zeros.
-        columns: names of columns, units and noise by kind of instrument.
-        lengths: standard deviation of lengths before [m]; None for the description's tolerance, or
-            1 mm where it states none.
-        angles: the same of angles [rad]; 1 mrad where nothing is stated.
-        shared: kinds of numbers that are alike in all limbs, such as strut.
-        hold: kinds or names of numbers that are as described; several, or one as text.
-        struts_apart: whether struts of a limb differ, so that the platform tilts.
-        tool: the tool from the platform point [m]; of effect only where the platform tilts.
+            points: 3-D points of a tracker or camera in its frame: files, or tables.
+            probe: touches of a plane, bare or on blocks of known height.
+            distances: between two tool points each, by a calliper or a ballbar.
+            torques: recordings as for `identify`, in addition to other readings; they determine
+                zeros.
+            columns: names of columns, units and noise by kind of instrument.
+            lengths: prior standard deviation of lengths [m]; None for the description's tolerance,
+                or 1 mm where it states none.
+            angles: prior standard deviation of angles [rad]; None for 1 mrad.
+            shared: kinds of numbers that are equal in all limbs, such as strut.
+            hold: kinds or names of numbers that stay as described; several, or one as text.
+            struts_apart: whether struts of a limb differ, so that the platform tilts.
+            tool: offset from the platform point [m]; matters only where the platform tilts.
         progress: called with a sentence before each stage of recordings.
 
     Returns:
-        Geometry, intervals, what decided each number, what readings cannot know.
+            The geometry with intervals, the sources of each number, and what remains undetermined.
 
     Raises:
-        DeltaidError: a deviation is negative or beyond what parts are off, or the tool is no point.
-        RecordingError: there are no readings, or a file cannot be used as it stands.
+            DeltaidError: a deviation is negative or too large, or the tool is no point near the
+                robot.
+            RecordingError: there are no readings, or a file cannot be used.
         DescriptionError: the robot has no such numbers.
         IdentificationError: no geometry fits.
     """

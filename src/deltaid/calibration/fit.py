@@ -36,7 +36,7 @@ from deltaid.levels import CERTAIN, FAINT, ROUNDS
 from deltaid.model.verdict import percent
 from deltaid.sensors.planning.knowledge import Knowledge
 
-# Smaller shares are little: of outliers, of unmodelled torque, of a misfit, of the remaining error.
+# Share up to which outliers, unmodelled torque, a misfit or the remaining error count as small.
 LITTLE = 0.2
 # Noise above this multiple of the stated one, together with residuals above this multiple of what
 # the description's uncertainty explains, means another robot or instrument.
@@ -50,7 +50,7 @@ _CURE = (
 @dataclass(frozen=True, eq=False)
 class UsedReadings(WeightedRows):
     """An instrument's readings in a fit, with the state of the instrument's unknowns and the noise
-    that residuals show, at least the instrument's own [m]."""
+    of the fit [m]: the instrument's noise, or more where residuals show more."""
 
     instrument: Instrument
     state: np.ndarray
@@ -76,7 +76,7 @@ class UsedReadings(WeightedRows):
     def weighted(
         self, loops: Loops, known: Unknowns, u: U, own: Int[np.ndarray, " own"], width: int
     ) -> "UsedReadings":
-        """The same with linearised rows, whose columns `own` are those of the instrument's
+        """Readings with linearised rows, in which `own` are the columns of the instrument's
         unknowns."""
         x, by_u = tool_slopes(loops, known, self.instrument, u)
         error, by_tools, by_own = self.instrument.slopes(x, self.state)
@@ -113,7 +113,7 @@ class GeometryFit:
 
     @property
     def far(self) -> Float[np.ndarray, " numbers"]:
-        """Distance of each number from its description, in units of what that allows."""
+        """Distance of each number from its description, in units of its prior deviation."""
         spreads = [number.spread or np.inf for number in self.known.numbers]
         return np.abs(self.known.G @ self.u) / spreads
 
@@ -125,7 +125,8 @@ class GeometryFit:
     def shares(self) -> Float[np.ndarray, "sources numbers"]:
         """Share of each number that the description and each instrument decided; they sum to 1.
 
-        With C = (AᵀA + 1)⁻¹ the estimate is C (Σ AᵢᵀAᵢ u + u₀), whose diagonal weights these are.
+        With C = (AᵀA + 1)⁻¹ the estimate is C (Σ AᵢᵀAᵢ u + u₀); shares are the diagonals of its
+        weights.
         """
         n, C, G = len(self.u), self.knowledge.inverse @ self.knowledge.inverse.T, self.known.G
         parts = [C, *(C @ (part.used_slopes.T @ part.used_slopes) for part in self.rows)]
@@ -133,7 +134,7 @@ class GeometryFit:
         return np.array([np.einsum("kf,fg,gk->k", G, W[:n, :n], to_free) for W in parts])
 
     def again(self, readings: Sequence[UsedReadings], noise: float = 1.0) -> "GeometryFit":
-        """The fit to other readings, started here, with the noise of torques times `noise`."""
+        """Fit other readings from this solution on, with the noise of torques times `noise`."""
         known, rows = self.known, self.known.torques
         if rows is not None:
             rows = replace(rows, A=rows.A / noise, b=rows.b / noise, grown=rows.grown * noise)
@@ -278,8 +279,8 @@ def _with_predicted(solution: GeometryFit) -> GeometryFit:
 
 
 def _outliers(residuals: Residuals, used: Used, *, robust: bool, every: bool = False) -> Used:
-    """Readings that noise (or robustly the spread of the used ones) does not explain and that are
-    at least half as far off as the worst; no more than may be excluded, unless `every`."""
+    """Readings that noise (if robust, the spread of the used ones) does not explain and that are at
+    least half as far off as the worst; no more than may be excluded, unless `every`."""
     size = np.where(used, np.abs(residuals).max(axis=1), 0.0)
     spread = float(np.median(np.abs(residuals[used])) / norm.ppf(0.75)) if robust else 0.0
     spared = len(used) if every else int(used.sum() - np.ceil((1 - LITTLE) * len(used)))

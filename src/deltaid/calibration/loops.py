@@ -1,7 +1,7 @@
 """Loop closure with the geometry as unknowns: poses of the tool and their slopes.
 
-For the pose y = [r; ψ; φ] (platform point, tool angle and tilt, the latter two where there are
-any), drive coordinates q and numbers θ, every strut closes one loop
+For the pose y = [r; ψ; φ] (platform point, and tool angle and tilt where the robot has them), drive
+coordinates q and numbers θ, every strut closes one loop
 
     c(y, q, θ) = |a(y, θ) − E(q, θ)| − l(θ) = 0
 
@@ -124,11 +124,11 @@ def _turn(axis: str, angle: ca.SX) -> ca.SX:
 def _gap(
     limb: LimbGeometry, own: dict[str, ca.SX], q: ca.SX, platform: tuple[ca.SX, ...], side: float
 ) -> ca.SX:
-    """|a − E| − l of a limb with its own numbers, or of one of its struts.
+    """|a − E| − l of a limb with its numbers, or of one of its struts.
 
     Args:
         platform: the platform point, the platform's turn, and the limb's seat from that point.
-        side: −½ or ½ for the first or second strut of a pair, 0 for what stands for both.
+            side: −½ or ½ for the first or second strut of a pair, 0 for one that represents both.
     """
     r, turn, seat = platform
     q = own["zero"] + q * (1 + own.get("scale", 0.0))

@@ -1,7 +1,7 @@
 """Measuring mistakes, detected before the fit: units, mirrored frames, order, exchanged drives.
 
-Each is a hypothesis under which the described robot fits the readings. One that explains them much
-better than the file as it is, is reported with its cure, and the file is not used.
+Each is a hypothesis under which the described robot fits the readings. A hypothesis that explains
+them much better than the file as given is reported with its fix, and the file is refused.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ from deltaid.errors import RecordingError
 from deltaid.levels import CERTAIN
 from deltaid.model.verdict import listed
 
-# A larger share of identical rows is a copy; chance makes fewer, however coarse the readings are.
+# Share of identical rows from which a file is a copy; chance makes fewer, even of coarse readings.
 _COPIED = 0.8
 # Most points whose order is searched: the search is cubic.
 _ORDERED = 300
@@ -167,8 +167,8 @@ def _require_unit(instrument: Instrument, x: Tools) -> None:
 
 
 def _ratio(instrument: Instrument, x: Tools) -> tuple[float, bool]:
-    """How many times the readings are those of the described robot, and whether this is so in all
-    directions."""
+    """Ratio of the readings to those of the described robot, and whether it is about the same in
+    all directions."""
     if isinstance(instrument, PointReadings):
         sizes = _sizes(instrument.values) / _sizes(x[:, 0])
         return float(np.sqrt(np.prod(sizes))), bool(sizes.max() < 2 * sizes.min())
@@ -182,7 +182,7 @@ def _ratio(instrument: Instrument, x: Tools) -> tuple[float, bool]:
 
 
 def _sizes(points: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, " 2"]:
-    """Extent along the two main directions, which a plane has too, without what is far away."""
+    """Extent of points along their two main directions, which a plane has too, without outliers."""
     away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     near = points[away <= CERTAIN * np.median(away)]
     return np.linalg.svd(near - near.mean(axis=0), compute_uv=False)[:2] / np.sqrt(len(near))
@@ -201,8 +201,8 @@ def _misfit(instrument: Instrument, x: Tools, mirrored: bool = False) -> float:
 
 
 def _reading_hypotheses(instrument: Instrument, x: Tools, allowed: float) -> Hypotheses:
-    """Hypotheses on readings. A few sorted numbers resemble any others, so blocks and distances in
-    another order have to fit, as points in two frames."""
+    """Yield hypotheses on the readings. A few sorted numbers resemble any others, so blocks and
+    distances in another order, and points in two frames, must also fit to `allowed`."""
     values, (ratio, _) = instrument.values, _ratio(instrument, x)
     left = _misfit(replace(instrument, values=values / ratio), x)
     if left <= allowed:
@@ -239,7 +239,7 @@ def _reading_hypotheses(instrument: Instrument, x: Tools, allowed: float) -> Hyp
 
 
 def _frame_hypotheses(instrument: PointReadings, x: Tools, allowed: float) -> Hypotheses:
-    """That the frame jumps once, between rows that leave each part more rows than a frame fits."""
+    """Yield that the frame jumps once, between rows with enough rows for a frame on both sides."""
     count, fewest = len(x), len(instrument.unknowns)
     if not 2 * fewest <= count <= _ORDERED:
         return
@@ -250,7 +250,7 @@ def _frame_hypotheses(instrument: PointReadings, x: Tools, allowed: float) -> Hy
 
     starts = range(fewest, count - fewest + 1)
     start = min(starts, key=lambda start: sum(part.sum() for part in errors(start)))
-    # of both, as one part with a point far away fits nothing
+    # both parts have to fit: a part with a point far away fits nothing
     if (left := max(float(np.median(part)) for part in errors(start))) <= allowed:
         last, first = instrument.rows[start - 1], instrument.rows[start]
         yield (
@@ -282,8 +282,8 @@ def _drive_hypotheses(loops: Loops, instrument: Instrument, allowed: float) -> H
 
 
 def _matched_order(x: Float[np.ndarray, "rows 3"], m: Float[np.ndarray, "rows 3"]) -> np.ndarray:
-    """The pose of each point, by its distances to all others, which no frame changes; as given
-    where there are too many to search."""
+    """Index of each point's pose by its distances to all others, which no frame changes; in the
+    given order where there are too many to search."""
     if len(m) > _ORDERED:
         return np.arange(len(m))
     own, others = (

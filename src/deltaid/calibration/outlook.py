@@ -44,15 +44,15 @@ if TYPE_CHECKING:
 # A combination that matters is undetermined where readings decide less than half of it, or where it
 # moves positions by more than this many times the noise.
 _WEAK = 5.0
-# Units that kinds of numbers are shown in.
+# Factor and unit that numbers are shown in, by their SI unit.
 _SHOWN = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "": (100, "%")}
 
 
 @dataclass(frozen=True)
 class Direction:
-    """An undetermined combination of numbers, one standard deviation of it: a description in words,
-    the position error that it causes, root mean square [m], and the error of size in the plane, as
-    a share."""
+    """An undetermined combination of numbers, at one standard deviation: in words, with the
+    position error that it causes, root mean square [m], and the error of size in the plane, as a
+    share."""
 
     words: str
     error: float
@@ -186,8 +186,8 @@ class NextReadings:
         poses, blocks: commanded platform points of each reading's ends, in the described robot's
             frame, and height of the block under each touch of a probe [m].
         position, size: standard deviation of positions after all of them, rms [m], and of sizes.
-        gain: what is learnt of positions [nats].
-        cost: of instrument and work; of an instrument that was used already the work alone.
+            gain: information gained on positions [nats].
+            cost: of instrument and work; of the work alone for an instrument that was used already.
     """
 
     name: str
@@ -205,16 +205,16 @@ def next_readings(
     found: "Calibration", count: int = 6, *, offers: Offers | None = None,
     budget: float | None = None,
 ) -> tuple[NextReadings, ...]:  # fmt: skip
-    """The best next readings of each instrument of a list, that which gains most per price first.
+    """Best next readings of each instrument of a list, the least cost per gain first.
 
     Args:
-        found: what is known so far; its instruments' frames and planes stay where they are.
-        count: readings of each instrument.
-        offers: instruments with their prices; the list of `deltaid sensors` without.
-        budget: most that one may cost; None for no bound.
+        found: the calibration so far; its instruments' frames and planes stay where they are.
+        count: number of readings of each instrument.
+        offers: instruments with their prices; None for the list of `deltaid sensors`.
+        budget: largest cost of an instrument; None for no limit.
 
     Raises:
-        DescriptionError: the list has no instrument for that money.
+        DescriptionError: no instrument of the list is within the budget.
     """
     offers = offers or shipped_offers()
     plans = [
@@ -290,7 +290,7 @@ def _is_like(instrument: Instrument, reads: PoseReadings) -> bool:
 def _candidates(
     calibration: "Calibration", reads: PoseReadings
 ) -> tuple[Float[np.ndarray, "readings ends 3"], Float[np.ndarray, " readings"]]:
-    """Commanded points of possible readings, and the blocks under them."""
+    """Commanded points of possible readings, and heights of the blocks under them."""
     loops, rng = calibration.fit.loops, np.random.default_rng(_TRIED_SEED)
     x = loops.start(drawn(loops.kinematics, loops.limbs, _TRIED, _TRIED_SEED))[:, :3]
     if reads.kind == "points":

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from deltaid.sensors.planning.offers import PoseKind
 
-# Units that users often forget to state: how many make a metre.
+# Units that users often forget to state, by their number per metre.
 NAMED_UNITS = {1e3: "mm", 39.37: "inch", 100.0: "cm"}
 
 Points = Float[np.ndarray, "rows 3"]
@@ -73,7 +73,7 @@ class Instrument(ABC):
 
 
 class PointReadings(Instrument):
-    """3-D points, of a good tracker or camera with a tag; the state is a 3 × 4 matrix [R t]."""
+    """3-D points of a tracker or of a camera with a tag; the state is a 3 × 4 matrix [R t]."""
 
     kind = readings = "points"
     reading = "point"

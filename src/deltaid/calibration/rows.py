@@ -1,4 +1,4 @@
-"""Linearised rows of instruments and torques: the step they ask for, and the noise they show."""
+"""Linearised rows of instruments and torques, the step to their minimum, and their noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from deltaid.estimation.problem import LinearProblem
 from deltaid.levels import CERTAIN, UNLIKELY
 from deltaid.sensors.planning.knowledge import Knowledge
 
-# Prior of an instrument's unknowns [m or rad]: they move less in a step.
+# Prior deviation of an instrument's unknowns [m or rad]: larger than any step of them.
 FAR = 10.0
 
 U = Float[np.ndarray, " free"]
@@ -50,7 +50,7 @@ class WeightedRows:
         return 1.0 if explained else float(np.sqrt(square / freedom))
 
     def changed(self, step: Float[np.ndarray, " variables"], noise: float = 1.0) -> "WeightedRows":
-        """The rows after a step, in units of a noise so many times as large."""
+        """Rows after a step, in units of `noise` times their noise."""
         errors = (self.errors - self.slopes @ step) / noise
         return replace(self, slopes=self.slopes / noise, errors=errors)
 
@@ -58,7 +58,7 @@ class WeightedRows:
 def step_of(
     rows: Sequence[WeightedRows], u: U, spread: float = 1.0
 ) -> tuple[Float[np.ndarray, " variables"], Knowledge]:
-    """The step to the minimum, with a prior of u so many times as wide, and what is known there."""
+    """Step to the minimum, with a prior of u `spread` times as wide, and the information there."""
     A = np.vstack([part.used_slopes for part in rows])
     error = np.concatenate([part.errors[part.used].ravel() for part in rows])
     own = A.shape[1] - len(u)
@@ -70,8 +70,8 @@ def step_of(
 def noise_levels(rows: Sequence[WeightedRows], u: U) -> list[float]:
     """Factors by which the noise of each part exceeds the assumed one.
 
-    A number far from its description is no noise: these are the factors beside the prior, or beside
-    a wider one, whichever makes the rows more probable.
+    A number far from its description must not count as noise. So factors are computed with the
+    prior and with a wider one; those that make the rows more probable are taken.
     """
     choices = []
     for spread in (1.0, CERTAIN):
@@ -82,7 +82,7 @@ def noise_levels(rows: Sequence[WeightedRows], u: U) -> list[float]:
 
 
 def _surprise(rows: Sequence[WeightedRows], u: U, noise: Sequence[float], spread: float) -> float:
-    """-log p(rows), but for a constant, with noise and prior so many times as wide [nats]."""
+    """-log p(rows) up to a constant [nats], with noise and prior times the given factors."""
     none = np.zeros(rows[0].slopes.shape[2])
     parts = [part.changed(none, level) for part, level in zip(rows, noise, strict=True)]
     step, knowledge = step_of(parts, u, spread)

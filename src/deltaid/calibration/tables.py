@@ -27,7 +27,7 @@ from deltaid.recording.units import si_factor
 from deltaid.robot.part import LARGEST, Part, Positive
 from deltaid.sensors.planning.offers import PoseKind
 
-# Larger drive angles [rad] are degrees, or no angles of an arm.
+# Largest angle of an arm [rad]; larger numbers are likely degrees.
 _WIDE = 2 * np.pi
 # Most readings of a file: a tracker's ten minutes at 30 Hz; more take minutes to fit.
 _MOST = 20_000
@@ -110,7 +110,7 @@ def read(
 
 
 def _require_names(columns: InstrumentColumns, groups: Sequence[Sequence[str]], where: str) -> None:
-    """Raise a DeltaidError for a key that is read by nothing, or two that name one column."""
+    """Raise a DeltaidError for an unknown key, or for two keys that name one column."""
     for name in columns.columns:
         if not any(name in group for group in groups):
             raise unknown(name, chain(*groups), "column", where)
@@ -197,7 +197,7 @@ def _inverse(
 def _column(
     table: LogTable, columns: InstrumentColumns, name: str, unit: tuple[str, float]
 ) -> Float[np.ndarray, " rows"]:
-    """Numbers of a column in the SI unit, which is given with the factor to it."""
+    """Numbers of a column in SI; `unit` is the SI unit and the factor to it."""
     column, (si, factor) = columns.columns.get(name, name), unit
     if column not in table.header:
         raise RecordingError(

@@ -132,9 +132,9 @@ def torque_rows(
 def _doubts(
     robot: RobotDescription, logs: Sequence[RecordingLike], columns: ColumnMapping | None
 ) -> tuple[str, ...]:
-    """Doubts of the checks of columns and signals; what they call wrong is refused.
+    """Doubts of the checks of columns and signals. Raises a RecordingError for a fault.
 
-    Zeros and tilts that leave the loops closed are no fault here: they are what is estimated.
+    Zeros and tilts that leave the loops closed are no fault here: calibration estimates them.
     """
     records = [evidence(robot, log, columns) for log in logs]
     places = [str(record.table.path) for record in records]

@@ -90,8 +90,8 @@ class Unknowns:
 
         θ = G u,    u ~ N(0, 1) before any measurement
 
-    Numbers that are held have rows of zeros in G, shared ones alike rows. `apart` is whether both
-    struts of a limb are modelled, and `torques` what recordings say of the numbers, if any.
+    Held numbers have rows of zeros in G, shared ones equal rows. `apart` is whether both struts of
+    a limb are modelled, and `torques` are rows of recordings, if any.
     """
 
     numbers: tuple[Number, ...]
@@ -127,7 +127,8 @@ def unknowns(
     shared: Sequence[str] = (),
     held: Sequence[str] = (),
 ) -> Unknowns:
-    """Numbers of a robot's geometry with their priors, as of `calibrate`. Raises a DescriptionError
+    """Numbers of a robot's geometry with their priors, as for `calibrate`. Raises a
+    DescriptionError
     where the robot has a mechanism of its own or no separate struts, an UnknownNameError for an
     unknown name to share or to hold."""
     limbs = robot.limbs
@@ -193,16 +194,16 @@ def _length_kind(kind: str) -> str:
 
 
 def mounting_axes(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
-    """Axes out, across and up of a rotary limb, those of L without its tilt about x; of a rail,
-    across it in the limb's plane (outwards where it is upright), across it sideways, and against
-    its positive direction."""
+    """Axes of a limb's mounting. For a rotary limb out, across and up, the axes of L without its
+    tilt about x. For a rail across it in the limb's plane (outwards where it is upright), across it
+    sideways, and against its positive direction."""
     if limb.drive == "rotary":
         out, up = limb.R_WL[:, 0], np.array([0.0, 0.0, 1.0])
         return np.column_stack([out, np.cross(up, out), up])
     return limb.R_WL @ rotation("y", -float(np.rad2deg(np.arctan2(limb.rail[0], -limb.rail[2]))))
 
 
-# Beyond this sine to the vertical a rail's sideways lean is a change of azimuth.
+# Sine of a rail's angle to the vertical from which its sideways lean is a change of azimuth.
 _LEANS = 0.5
 
 
@@ -215,8 +216,8 @@ def calibrated_robot(
     """The robot with estimated numbers and their standard deviations as tolerances; zeros of rotary
     drives [rad] and scales of drives, which no key holds; which numbers the robot holds.
 
-    Base joints take what base and platform differ by; limbs' joints at the platform stay where
-    they are described. Motor axes turn by azimuth and tilt; zeros of rails move their base points.
+    Base joints take the difference between base and platform; limbs' joints at the platform keep
+    their described places. Motor axes turn by azimuth and tilt; zeros of rails move base points.
     """
     limbs, platform = robot.limbs, robot.platform
     assert limbs is not None  # `unknowns` refuses others
@@ -246,8 +247,8 @@ def calibrated_robot(
 
 
 def unwritten(zeros: dict[str, float], scales: dict[str, float]) -> str:
-    """Zeros of rotary drives or scales of rails, as what a robot file does not hold; empty where
-    all are zero."""
+    """Zeros of rotary drives or scales of rails in words, because a robot file does not hold them;
+    empty where all are zero."""
     if any(zeros.values()):
         each = ", ".join(f"{drive} {-value:.6f}" for drive, value in zeros.items())
         return f"no zeros; as zero of each drive in a log's mapping, rad: {each}"
