@@ -26,8 +26,8 @@ from deltaid.online.kalman import UNMODELLED, Estimate, Update
 from deltaid.online.momentum import Lowpass
 from deltaid.online.settings import SOON, OnlineSettings
 
-# Spacing of candidate onsets, and time for which a load shows after one [s]. Onsets live as long as
-# the largest delay of a gripper's signal in addition.
+# Spacing of candidate onsets, and time after an onset within which a load becomes significant [s].
+# Onsets are kept for this time plus the largest delay of a gripper's signal, `SOON`.
 EVERY, _SHORT_LIFE = 0.01, 0.15
 
 
@@ -81,7 +81,7 @@ class Onset(NamedTuple):
         return self.evidence / (self.information + 1.0)
 
     def candidate(self, j: int) -> "Onset":
-        """One of several onsets."""
+        """Onset j of the several ones."""
         return Onset(*(part[:, j] for part in self))
 
 
@@ -137,8 +137,8 @@ class Onsets:
 
     @property
     def unsignalled(self) -> list[tuple[Onset, ca.SX]]:
-        """Onsets of a change without a gripper's signal, apart by the memory of unmodelled torques,
-        each with 1 if it is recent."""
+        """Onsets of an unsignalled change, spaced by the memory of unmodelled torques, each with 1
+        if it is recent."""
         places = range(0, self.ages.numel(), round(UNMODELLED / EVERY))
         return [(self.each.candidate(j), self.ages[j] < _SHORT_LIFE) for j in places]
 
@@ -182,12 +182,12 @@ class Onsets:
         fields.following["onset_clock"] = self.clock
 
 
-# Largest share of a load that remains held after a partial release.
+# Least share of a load that remains after a partial release; less counts as a full release.
 _LEFT = 0.6
-# A load that is not significant, and surely less than this share of the largest, is none.
+# Share of the largest load below which a load that is not significant counts as none.
 _SMALL = 0.05
-# The initial variance of a change is 1/C times this factor, plus the square of this share of it and
-# this share of the mass's prior variance: its onset is a guess, and filters show little at first.
+# Variance of a newly detected load: factor of 1/C, relative deviation in addition, and share of the
+# mass's prior variance; its onset is a guess, and filters have hardly responded yet.
 _WIDER, _ROUGH, _FREE = 4.0, 0.5, 0.05
 
 

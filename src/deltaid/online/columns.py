@@ -1,7 +1,7 @@
 """Checks of a recording's columns for online estimation: wiring, velocities, and lag of torques.
 
-A drive's velocity is often filtered, and so late against its position, or noisier than differences
-of positions. Both make loads look lighter: lag and noise are in the columns of the load, not in the
+A drive's velocity is often filtered, and so lags its position, or is noisier than differences of
+positions. Both make loads look lighter: lag and noise are in the columns of the load, not in the
 torques.
 
 If the model's torques correlate with the recorded ones, drive by drive, the wiring is correct.
@@ -39,12 +39,12 @@ from deltaid.recording.source import BATCH_ROWS
 from deltaid.recording.spectrum import spectrum_of
 from deltaid.recording.survey_checks import STRETCH
 
-# Harmless noise of a velocity [rad/s or m/s].
+# Noise of a velocity that is harmless, even if differences of positions have less [rad/s or m/s].
 _QUIET = 3e-3
 
 
 def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Doubt, ...]]:
-    """Whether recorded velocities are used, that is exist and are better than differences of
+    """Whether recorded velocities are used, which must exist and be better than differences of
     positions; standard deviation of one cycle's speed, drive by drive; why velocities are not
     used."""
     dof, known = model.dynamics.dof, model.identified.corrections if model.identified else ()
@@ -76,7 +76,7 @@ def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Do
 
 
 def _position_noise(log: Log, dof: int) -> Float[np.ndarray, " drives"]:
-    """Of rows as they are replayed: stale ones are bridged, whose steps would be noise."""
+    """Noise of positions in rows as replayed: steps of stale rows, which are bridged, are none."""
     if all(mask.reason != "stale rows" for mask in log.masks):
         return log.position_noise[:dof]
     return spectrum_of(_first(log)[:, 1 : 1 + dof]).noise
@@ -114,8 +114,8 @@ def _lag(
     return np.where(np.abs(lag) > STRONG * deviation, lag, 0.0)
 
 
-# Judged elsewhere: the size of torques by the run, whose model knows it better than the prior, and
-# velocities (`speeds_of`).
+# Verdicts that are given elsewhere: the run judges the size of torques, because its model is more
+# certain than the prior, and `speeds_of` judges velocities.
 _ELSEWHERE = {"torque-unit", "velocity"}
 
 
@@ -166,7 +166,7 @@ Delay = Float[np.ndarray, " drives"]
 def judged_lag(model: Model, log: Log, delay: Delay) -> tuple[Doubt, ...]:
     """Doubts about lags of the torques that differ from the corrected ones.
 
-    Lags are fitted as in an identification, with free parameters, so that model errors make no lag.
+    Lags are fitted as in an identification, with free parameters, so model errors are not lags.
     Empty if the recording is too short or hardly moves.
 
     Args:

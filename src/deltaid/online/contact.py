@@ -42,7 +42,7 @@ _BREAKAWAY = 1.3
 _HOLDS = 0.5
 # Probability of detection of the smallest force: the level of intervals, 95 %.
 _SURE = 2 * norm.cdf(NORMAL) - 1
-# A limb explains a residual if what it leaves is below this quantile of noise, or this share of χ².
+# A limb explains a residual if the rest of χ² is below this quantile plus this share of it.
 _EXPLAINED, _SHARE = 0.7, 0.002
 # Allowed rates of false alarms [1/h].
 FALSE_ALARMS = (1e-6, 1e3)

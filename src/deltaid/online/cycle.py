@@ -56,7 +56,7 @@ def step_graph(
 
     Args:
         more: additional parts, last in the state and in the outputs.
-        known: in place of the model's own.
+        known: uncertainty to use instead of the model's.
 
     Raises:
         DeltaidError: settings and robot do not fit each other.
@@ -77,15 +77,15 @@ def step_graph(
     return replace(graph, following=x, y=y)
 
 
-# Time constant with which a released load may still be present [s].
+# Time constant of the decay of a released load that may still be present [s].
 _HANGS_ON = 0.02
-# Moments of an unsignalled load, as shares of the largest.
+# Deviation of the moments of an unsignalled load, as a share of the largest.
 _ASIDE = 0.2
-# While the robot is pushed, and filters remember it, nothing is learnt, up to this time [s]: a
-# lasting residual is no push but a model error, which estimates absorb.
+# Longest push [s]. During a push, and while filters remember it, nothing is learnt; a residual that
+# lasts longer is a model error, which estimates absorb.
 LONGEST = 1.0
-# Scale of residuals that chance explains; memory of residuals that become smaller, and of speeds'
-# noise while drives move [s].
+# Ratio of squared residuals to their variance that is tolerated before the variance is enlarged;
+# memory of decreasing residuals, and of the noise of speeds while drives move [s].
 _TOLERATED, _MEMORY = 2.0, 10.0
 
 
@@ -140,8 +140,8 @@ def contact_of(cycle: Cycle) -> None:
 
 
 def _residual(cycle: Cycle, larger: ca.SX) -> ContactResidual:
-    """The residual and its covariance, scaled by `larger`: that of the estimates, of unmodelled
-    torques, of filtered torque noise, and of noise of speeds in the momentum, K M v.
+    """The residual and its covariance, scaled by `larger`: the sum for estimates, unmodelled
+    torques, filtered torque noise, and noise of speeds in the momentum, K M v.
 
     A load that is still unknown is in M too: its column is computed from noisy speeds, and the
     effect of that noise is not in the column's span.
@@ -229,7 +229,7 @@ def learn_speed_noise(cycle: Cycle) -> ca.SX:
     differences = [s.qd]
     for before in past:
         differences.append(differences[-1] - before)
-    # Σ c² / Σ (c ∗ d)²: variance of speeds for that of their n-th difference
+    # Σ c² / Σ (c ∗ d)²: ratio of the variance of speeds to the variance of their n-th difference
     c = np.array([1 - wait.motion % 1.0, wait.motion % 1.0])
     c = np.convolve(c, [1.0, -1.0]) if settings.speed == "differenced" else c
     d = reduce(np.convolve, [[1.0, -1.0]] * _ORDER, c)

@@ -21,25 +21,25 @@ from deltaid.online.suspicion import STEP, RunEvidence
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
 
-# Contacts below this many thresholds are slight; so many of them, and half of all, are suspicious.
+# Size of a slight contact in thresholds; number of them that is suspicious if it is half of all.
 _SLIGHT, _STRANGE = 2.0, 5
-# Share of the time in contact that is no push.
+# Share of time in contact from which the cause is not a push, but the model or the signal.
 _ALWAYS = 0.2
-# Relative deviation of one drive's torques from the model's, and that of all drives, beyond which
-# torques are scaled differently.
+# Relative deviation of one drive's torques from the model's, and of all drives' torques, from which
+# torques have another scale.
 _GAIN, _COMMON = 0.06, 0.03
-# Without a gripper's signal, torques may be larger by this share, and reach no such ratio to the
-# model's.
+# Share by which an undetected load may enlarge torques without a gripper's signal; ratio to the
+# model's torques from which a wrong signal cannot be the cause.
 _UNSIGNALLED, _FAR = 0.2, 2.0
-# A torque that is constant for so long [s] while its drive moves is not measured.
+# Time for which a moving drive's torque is constant [s], from which it is not measured.
 _STUCK = 0.05
 # Noise of a speed [rad/s or m/s] beyond which loads look lighter than they are.
 _NOISY = 0.015
 # Doubts about rows after which gripper and model cannot be judged.
 _BLIND = {"stuck", "encoder", "standing"}
-# Rows per second that are few.
+# Rate of rows below which masses and contacts are less certain [1/s].
 _SLOW = 200.0
-# Shares of rows, stale and at rest, that are reported.
+# Shares of stale rows, and of rows at rest, from which they are reported.
 _STALE, _RESTING = 0.005, 0.9
 
 
@@ -236,7 +236,7 @@ def gripper_doubts(
 def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
     kinds = {"are taken": seen.taken, "are left": seen.left}
     shown = {word: offset for word, offset in kinds.items() if offset.low or offset.high}
-    # Least error of each.
+    # Least offset of each kind from the known time.
     least = {w: np.clip(grip_time, o.low, o.high) - grip_time for w, o in shown.items()}
     off = {w: o for w, o in shown.items() if abs(least[w]) > 1.5 * STEP}
     if not off:

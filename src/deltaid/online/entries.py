@@ -92,7 +92,7 @@ class LoadEntries:
 
 
 def _positive(x: ca.SX, spread: ca.SX) -> ca.SX:
-    """x⁺; without cancellation where x is negative."""
+    """Compute x⁺ without cancellation where x is negative."""
     root = ca.sqrt(x * x + 4 * _BARRIER * spread * spread)
     share = 2 * _BARRIER * spread * spread / ca.fmax(root - x, 1e-300)
     return ca.if_else(x > 0, 0.5 * (x + root), share)

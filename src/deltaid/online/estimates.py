@@ -37,8 +37,8 @@ from deltaid.online.signals import Signals
 
 Bounds = tuple[tuple[float, ...], tuple[float, ...]]
 
-# Static friction is one unknown torque while a drive rests, so this much rest [s] counts as one
-# measurement; otherwise production stops would determine load and friction.
+# Rest that counts as one measurement [s]: while a drive rests, its static friction is one unknown
+# torque. Otherwise standstills would determine load and friction.
 _AT_REST = 1.0
 
 
@@ -71,7 +71,7 @@ def estimates(
     touched: ca.SX,
     bounds: Bounds,
 ) -> CycleEstimates:
-    """The second part of a cycle.
+    """The second part of a cycle: its estimates.
 
     Args:
         touched: 1 while the robot is pushed, so that residuals are not used.

@@ -11,12 +11,12 @@ from deltaid.online.settings import SOON
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS
 
-# An entry is identifiable if half of its interval is below this share of what such a load may have.
+# An entry is identifiable if half of its interval is below this share of its size for such a mass.
 _SHOWN = 0.25
-# Delay of the detection of a change without a gripper's signal [s]: the load is the estimate before
-# it, and a load held for less is a step towards another one.
+# Delay of detection of a change without a gripper's signal [s]: a load is reported as estimated
+# before it, and a load that is held for less is a step towards another one.
 _DELAY = 0.05
-# Contacts with smaller gaps are one [s].
+# Contacts with a smaller gap [s] count as one.
 _APART = 0.02
 
 Times = Float[np.ndarray, " rows"]
@@ -92,7 +92,7 @@ class Touch:
 
 
 class Loads:
-    """Held loads, one after the other.
+    """Collector of held loads, one after the other.
 
     Args:
         told: whether there is a gripper's signal; without it, loads that are too small or too brief
@@ -155,13 +155,13 @@ class Loads:
         self._found.append(WeighedLoad(start, end, soon, entries))
 
     def finished(self) -> tuple[WeighedLoad, ...]:
-        """All events; ends the last one."""
+        """End the last load, and return all of them."""
         self.close()
         return tuple(self._found)
 
 
 class Touches:
-    """Contacts, one after the other."""
+    """Collector of contacts, one after the other."""
 
     def __init__(self, robot: RobotDescription) -> None:
         self._drives, self._found = robot.drives, list[Touch]()
@@ -193,6 +193,6 @@ class Touches:
         self._votes = self._most = None
 
     def finished(self) -> tuple[Touch, ...]:
-        """All events; ends the last one."""
+        """End the last contact, and return all of them."""
         self.close()
         return tuple(self._found)

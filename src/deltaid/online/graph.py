@@ -147,8 +147,8 @@ class CycleFields:
         """One graph of all fields.
 
         Args:
-            inputs: their layout.
-            u: their symbols.
+            inputs: layout of the inputs.
+            u: symbols of the inputs.
             good: 1 where the inputs can be used.
         """
         self.give(("status", 1 - good, "0 for a good cycle, 1 for one that could not be used"))
@@ -177,6 +177,6 @@ def only_if(condition: ca.SX, x: ca.SX) -> ca.SX:
 
 
 def chosen(condition: ca.SX, yes: ca.SX, no: ca.SX) -> ca.SX:
-    """One of two columns, without NaN of the other one."""
+    """Select one of two columns, without NaN of the other one."""
     pairs = zip(ca.vertsplit(ca.densify(yes)), ca.vertsplit(ca.densify(no)), strict=True)
     return ca.vertcat(*(ca.if_else(condition, a, b) for a, b in pairs))

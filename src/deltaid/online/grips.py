@@ -1,7 +1,7 @@
 """Estimate the offset between the gripper's signal and the torques, and correct the load for it.
 
 Estimates follow the signal: a load begins or ends with it (`changes`). In addition, candidate
-times θ_j are kept at which it may really have been taken or released, and the case of none yet.
+times θ_j are kept at which it may really have been taken or released, and the case of neither.
 Between θ_j and the signal, estimates lack a load of the mass m, or have one too many; this has
 moved innovations and estimates by G m and F m since, which gives D and C as in `changes`. With the
 estimate x ± √P of a load that is taken at the signal, the mass and its likelihood for θ_j are
@@ -27,12 +27,12 @@ from deltaid.online.instant import UNKNOWN
 from deltaid.online.kalman import Estimate
 from deltaid.online.settings import SOON
 
-# Typical error of a signal [s]; prior weight of a signal in time, relative to one step of the other
-# times.
+# Typical error of a signal [s]; prior weight of a signal without error, relative to one of the
+# other candidate times.
 _TYPICAL, _IN_TIME = 0.05, 3.0
-# A time is decided after this time [s], where the load surely came.
+# Time since the load surely came, after which its time may be decided [s].
 _AFTER = 0.04
-# If the load surely came, but torques do not determine when, the mixture is used after so long [s].
+# Time after which the mixture is used if the load surely came at an undetermined time [s].
 _SETTLED = 0.1
 # Least share of a load released before the signal that estimates contain, and relative deviation of
 # its mass.
@@ -71,13 +71,13 @@ def follow_grip(
     """Set the following state.
 
     Args:
-        load: in the estimates before it changes.
+        load: its entries in the estimates before the change.
     """
     since, signalled = fields.before["since_grip"], change.signalled
     let_go = ca.logic_and(signalled, ca.logic_not(change.held))
     fields.following |= {
         "gripping": ca.fmax(grip.open_, signalled),
-        # The signal came half a cycle before it was read.
+        # On average the signal came half a cycle before it was read.
         "since_grip": ca.if_else(signalled, 0.5 * period, ca.fmin(since + period, 1.0)),
         "left": ca.if_else(let_go, load, fields.before["left"]),
         "offset": ca.if_else(signalled, UNKNOWN, grip.offset),

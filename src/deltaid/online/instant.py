@@ -9,10 +9,10 @@ that leave the grid by half a cycle are a gap: all filters begin anew.
 A repeated or impossible row is skipped: the motion continues with the same acceleration,
 3 q₁ − 3 q₂ + q₃, and with the previous torques. The deviation of the next row from that, over a
 cycle, counts as noise of speeds for as long as filters remember it; so does noise that the parabola
-amplifies. Without stamps, a row that repeats the previous one bit for bit is not new, if few do.
-A row is impossible if its torque is ten times the largest that a drive takes or is limited to, or
-its position needs such a torque in all drives at once. If this lasts for 20 ms, filters begin anew
-with the present rows.
+amplifies. Without stamps, a row that repeats the previous one bit for bit is not new, if few rows
+repeat. A row is impossible if its torque exceeds ten times the largest or the limit of a drive, or
+if its position needs such a torque in all drives at once. If this lasts for 20 ms, filters begin
+anew with the present rows.
 
 If torques are late or early against their motion, signals are delayed. A torque that is reported
 δ_i late, τ_reported,i(t) = τ_i(t − δ_i), belongs to the motion δ_i ago. So a cycle uses the motion
@@ -41,12 +41,12 @@ from deltaid.online.settings import MOST_STALE, OnlineKnowledge, OnlineSettings
 
 # Values of a gripper's signal.
 UNKNOWN, EMPTY, HOLDS = -1.0, 0.0, 1.0
-# Longest delay of a signal: seconds and cycles.
+# Longest delay of a signal, in seconds and in cycles, which a shift register stores.
 _LONGEST, _MOST = 0.05, 500
 
 
 def inputs_of(model: Model, settings: OnlineSettings) -> Layout:
-    """Inputs of a cycle."""
+    """Layout of a cycle's inputs."""
     dof, units = model.dynamics.dof, model.robot
     angle = "m" if all(units.linear_drives) else "rad"
     elapsed = "since the last new row by its stamp, 0 if this row is not new, -1 unknown"
@@ -204,14 +204,15 @@ def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 # Impossible torques, in units of a drive's largest, and longest time of skipped rows [s].
 _BEYOND, _LONGEST_SKIP = 10.0, 0.02
-# Repeated rows are new, because nothing changes, if more than `MOST_STALE` of so many repeat.
+# Rows over which the share of repeats is averaged: above `MOST_STALE` nothing changes, and repeated
+# rows are new.
 _ROWS = 20
 # Least jump of an impossible position, above the steps of coarse encoders [rad or m].
 _COARSE = 1e-3
 # Time constant in which the drift between the clocks of stamps and cycles is forgotten [s].
 _CLOCKS = 1.0
-# Rows of the past that a motion is extrapolated from; as many after a skipped one have differences
-# and means that contain it.
+# Number of past rows that a motion is extrapolated from; differences and means of as many rows
+# after a skipped one contain it.
 _PAST = 3
 
 

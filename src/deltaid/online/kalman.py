@@ -118,7 +118,7 @@ class States:
 # Time constant of learnt sizes [s], their bounds, and the largest squared deviation that one cycle
 # may contribute, in units of the variance.
 LEARNT, _LEVELS, LARGEST_STEP = 2.0, (0.15, 20.0), 10.0
-# States of a drive with sizes of their own, in units of the initial ones.
+# States of a drive for which sizes are learnt, in units of the initial ones.
 DRIVES = ("moving", "slow")
 
 

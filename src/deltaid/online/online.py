@@ -182,7 +182,7 @@ class Online(Named):
         self.reset()
 
     def reset(self) -> None:
-        """Reset the state."""
+        """Reset the estimator to its initial state."""
         self.state: Float[np.ndarray, " state"] = self.graph.state.initial
 
     @cached_property
@@ -236,7 +236,7 @@ class Online(Named):
     def _inputs(
         self, q: Any, qd: Any, tau: Any, **signals: Any
     ) -> Float[np.ndarray, "samples inputs"]:
-        """The inputs of cycles, one a row.
+        """Inputs of cycles, one per row.
 
         Raises:
             DeltaidError: one has a wrong shape, or velocities are not what the settings say.

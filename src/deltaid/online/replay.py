@@ -27,7 +27,7 @@ from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
 from deltaid.recording.source import BATCH_ROWS
 
-# Least rate of an observer [Hz].
+# Least rate of rows for online estimation [Hz].
 _LEAST_RATE = 100.0
 # Least time that brakes hold [s]: a robot that rests for a moment may need hardly any torque.
 _BRAKED, _BRAKES = 0.5, ("on brakes", "emergency stop")
@@ -65,7 +65,7 @@ class Replay:
         delay: lag of each drive's torque [s].
         has_velocity: whether recorded velocities are used.
         speed_noise: standard deviation of one cycle's speed, drive by drive.
-        masks: rows that are no powered motion, or not what happened.
+        masks: rows without powered motion, or with wrong values.
         ends: number at which each drive's torque channel saturates; infinite if it does not.
         doubts: about the recording, the log's warnings first.
     """

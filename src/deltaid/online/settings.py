@@ -68,7 +68,7 @@ class OnlineSettings:
         false_alarms: accepted false alarms of contact per hour.
         speed_noise: standard deviation of one cycle's speed, drive by drive [rad/s or m/s]; None to
             learn it while the drives move (`online.cycle`).
-        alarm: standard deviations of a change of load.
+        alarm: score of a change of load that is detected, in standard deviations.
         delay: lag of reported torques behind their motion, drive by drive or one for all [s],
             negative if early; None for the identification's, 0 for none. All estimates are as late
             as the largest.
@@ -144,7 +144,7 @@ _NOISE, _UNMODELLED = 0.02, 0.01
 # Unmodelled torque of slow drives in addition as a share of their dry friction; slow as a share of
 # the largest speed.
 _OF_FRICTION, _SLOW = 0.25, 0.05
-# Followed friction.
+# Symbols of the friction coefficients that are followed.
 _FOLLOWED = ("viscous", "coulomb", "viscous_back", "coulomb_back", "offset")
 # Default largest load, in masses of the body that carries it.
 _LOAD_SHARE = 3.0
@@ -155,7 +155,7 @@ _TARE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class OnlineKnowledge:
-    """Numbers of a cycle.
+    """Uncertainty and sizes of a model that a cycle uses.
 
     Attributes:
         entries: identifiable entries of a load.
@@ -185,7 +185,7 @@ class OnlineKnowledge:
 
 
 def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
-    """Uncertainty of a model.
+    """Uncertainty of a model for online estimation.
 
     Raises:
         DescriptionError: no such body to carry a load.

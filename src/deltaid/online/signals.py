@@ -12,7 +12,7 @@ from deltaid.online.instant import even_rows, inputs_of, instant, line, pose, wa
 from deltaid.online.momentum import Lowpass, Momentum, build_momentum
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 
-# Time constants after which filters have forgotten their initial state.
+# Time after which filters have forgotten their initial state, in time constants.
 SETTLED = 3.0
 # Unmodelled load friction, as a share of the gears' load.
 _CARRIED = 0.03
@@ -77,7 +77,7 @@ def signals(
     settings: OnlineSettings,
     anew: ca.SX,
 ) -> Signals:
-    """The first part of a cycle.
+    """The first part of a cycle: its filtered signals.
 
     Args:
         anew: 1 where filters begin anew after this cycle; a symbol to be replaced.
@@ -111,8 +111,8 @@ def signals(
         [momentum.H @ D, momentum.W @ D, ca.substitute(momentum.dry, momentum.p, ca.SX(model.p))],
     )
     parts = along(z, qd, load)
-    # Friction of many gears that few models have: more at low speed, and with the gears' load; each
-    # the same share of all drives.
+    # Friction that many gears have and few models: more at low speed, and with the gears' load.
+    # Each is the same share in all drives.
     slow = (qd / ca.SX(known.slow_speed)) ** 2
     sign = qd / ca.sqrt(qd * qd + settings.rest_speed**2)
     falling = known.unmodelled_slow * sign * ca.exp(-slow)

@@ -22,7 +22,7 @@ from deltaid.online.settings import IDENTIFY_FIRST, OnlineSettings
 from deltaid.online.suspicion import Suspicion, measured_of
 from deltaid.robot.description import RobotDescription
 
-# Largest number of rows of a series.
+# Largest number of rows of a series; longer recordings are thinned out.
 _SERIES = 200_000
 
 
