@@ -57,23 +57,22 @@ class Calibration(Shown, Plotted, Tabled, Reported):
     """A calibrated geometry.
 
     Attributes:
-            described, robot: the given description, and the same with the estimated geometry and
-                its tolerances.
-            lost, left: kinds of numbers that `robot`, `zeros` and `scales` cannot hold, in words,
-                and the position error by losing them, root mean square [m].
-            zeros: by rotary drive, how much its coordinate exceeds the recorded one [rad]; zeros of
-                rails are in `robot`.
-            scales: by drive, the share by which its motion exceeds the recorded one.
-            values, std: deviation of each number from the description, and its standard deviation
-                [m, rad or share].
-            decided, shares: for each number, the source ('description', an instrument's kind, or
-                'torques') that decided it most, and the shares of all sources, description first.
-            sessions: readings, file by file.
-            rank: number of combinations of numbers and instruments' unknowns that readings
-                determine better than the prior: the description, a millimetre and a milliradian for
-                    instruments.
-            before, after: uncertainty of positions and sizes before and after the measurements.
-            open: combinations that matter and that readings do not determine.
+        described, robot: the given description, and the same with the estimated geometry and its
+            tolerances.
+        lost, left: kinds of numbers that `robot`, `zeros` and `scales` cannot hold, in words, and
+            the position error by losing them, root mean square [m].
+        zeros: by rotary drive, how much its coordinate exceeds the recorded one [rad]; zeros of
+            rails are in `robot`.
+        scales: by drive, the share by which its motion exceeds the recorded one.
+        values, std: deviation of each number from the description, and its standard deviation
+            [m, rad or share].
+        decided, shares: for each number, the source ('description', an instrument's kind, or
+            'torques') that decided it most, and the shares of all sources, description first.
+        sessions: readings, file by file.
+        rank: number of combinations of numbers and instruments' unknowns that readings determine
+            better than the prior: the description, a millimetre and a milliradian for instruments.
+        before, after: uncertainty of positions and sizes before and after the measurements.
+        open: combinations that matter and that readings do not determine.
     """
 
     described: RobotDescription
@@ -197,28 +196,26 @@ def calibrate(
 
     Args:
         robot: a description of limbs, by name, file or value.
-            points: 3-D points of a tracker or camera in its frame: files, or tables.
-            probe: touches of a plane, bare or on blocks of known height.
-            distances: between two tool points each, by a calliper or a ballbar.
-            torques: recordings as for `identify`, in addition to other readings; they determine
-                zeros.
-            columns: names of columns, units and noise by kind of instrument.
-            lengths: prior standard deviation of lengths [m]; None for the description's tolerance,
-                or 1 mm where it states none.
-            angles: prior standard deviation of angles [rad]; None for 1 mrad.
-            shared: kinds of numbers that are equal in all limbs, such as strut.
-            hold: kinds or names of numbers that stay as described; several, or one as text.
-            struts_apart: whether struts of a limb differ, so that the platform tilts.
-            tool: offset from the platform point [m]; matters only where the platform tilts.
+        points: 3-D points of a tracker or camera in its frame: files, or tables.
+        probe: touches of a plane, bare or on blocks of known height.
+        distances: between two tool points each, by a calliper or a ballbar.
+        torques: recordings as for `identify`, in addition to other readings; they determine zeros.
+        columns: names of columns, units and noise by kind of instrument.
+        lengths: prior standard deviation of lengths [m]; None for the description's tolerance, or
+            1 mm where it states none.
+        angles: prior standard deviation of angles [rad]; None for 1 mrad, or the stated homing.
+        shared: kinds of numbers that are equal in all limbs, such as strut.
+        hold: kinds or names of numbers that stay as described; several, or one as text.
+        struts_apart: whether struts of a limb differ, so that the platform tilts.
+        tool: offset from the platform point [m]; matters only where the platform tilts.
         progress: called with a sentence before each stage of recordings.
 
     Returns:
-            The geometry with intervals, the sources of each number, and what remains undetermined.
+        The geometry with intervals, the sources of each number, and what remains undetermined.
 
     Raises:
-            DeltaidError: a deviation is negative or too large, or the tool is no point near the
-                robot.
-            RecordingError: there are no readings, or a file cannot be used.
+        DeltaidError: a deviation is negative or too large, or the tool is no point near the robot.
+        RecordingError: there are no readings, or a file cannot be used.
         DescriptionError: the robot has no such numbers.
         IdentificationError: no geometry fits.
     """

@@ -128,7 +128,7 @@ def _gap(
 
     Args:
         platform: the platform point, the platform's turn, and the limb's seat from that point.
-            side: −½ or ½ for the first or second strut of a pair, 0 for one that represents both.
+        side: −½ or ½ for the first or second strut of a pair, 0 for one that represents both.
     """
     r, turn, seat = platform
     q = own["zero"] + q * (1 + own.get("scale", 0.0))

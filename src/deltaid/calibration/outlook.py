@@ -186,8 +186,8 @@ class NextReadings:
         poses, blocks: commanded platform points of each reading's ends, in the described robot's
             frame, and height of the block under each touch of a probe [m].
         position, size: standard deviation of positions after all of them, rms [m], and of sizes.
-            gain: information gained on positions [nats].
-            cost: of instrument and work; of the work alone for an instrument that was used already.
+        gain: information gained on positions [nats].
+        cost: of instrument and work; of the work alone for an instrument that was used already.
     """
 
     name: str

@@ -113,8 +113,8 @@ class BaseWrenchRows(SensorRows):
         """Yield pose errors along each axis j with columns v × e_j; none where std is zero.
 
         Args:
-                what: channels v: forces for a position error, which changes moments; all for a
-                    rotation error.
+            what: channels v: forces for a position error, which changes moments; all for a rotation
+                error.
         """
         starts, moved = range(0, len(what), 3), 3 if len(what) == 3 else 0
         for j, axis in enumerate(_AXES if std else ""):

@@ -5,7 +5,7 @@ the axes of the measurement,
 
     mass:            m
     first moment:    eᵀ(R mc + m d)
-        centre:          eᵀ(R mc + m d) − v m = 0, with the deviation σ times the mass
+    centre:          eᵀ(R mc + m d) − v m = 0, with the deviation σ times the mass
     inertia:         eᵀΘ′e of the turned and moved body, about a point of the line
 
 each summed over the bodies measured together. All are linear in p.
@@ -94,7 +94,7 @@ def weighing(
     Args:
         placed: the bodies measured together.
         layout: of p.
-            prior: values of p before the fit; their masses scale the deviation of a centre's row.
+        prior: values of p before the fit; their masses scale the deviation of a centre's row.
         where: its key in the description.
     """
     c, masses = np.zeros(len(prior)), np.zeros(len(prior))
