@@ -32,7 +32,7 @@ from deltaid.fleets.mixed_model import (
 )
 from deltaid.levels import NEGLIGIBLE
 
-# Up to so many robots, the tested one is excluded from the spreads too.
+# Number of robots up to which a tested robot is excluded from the spreads as well.
 _FEW = 16
 # Least number of robots for outlier tests.
 LEAST = ENOUGH + 1
@@ -61,7 +61,7 @@ class AgainstOthers:
     Attributes:
         e, V: residual of its rows, and its covariance.
         H: its rows.
-        constant: part of fixed parameters.
+        constant: contribution of fixed parameters.
         rows: number of tested rows.
         freedom: degrees of freedom of V.
     """
@@ -79,7 +79,7 @@ class AgainstOthers:
         return float(self.e @ np.linalg.solve(self.V, self.e))
 
     def chance(self, distance: float, rank: int) -> float:
-        """p-value of a squared distance in so many directions."""
+        """p-value of a squared distance in `rank` directions."""
         n = max(rank, 1)
         return float(fdtrc(n, self.freedom, distance / n))
 
@@ -217,8 +217,8 @@ def fit_members(
 
 
 def _one_by_one(fitted: Sorted) -> Sorted:
-    """The same for few robots, each also excluded from the spreads, which it would widen until it
-    seems to belong; the farthest is excluded before the next search."""
+    """Test few robots again, each excluded from the spreads as well, which an outlier would widen
+    until it seems to belong; exclude the farthest robot and repeat."""
     coordinates, rows, count = fitted.coordinates, fitted.rows, len(fitted.freedom)
     while True:
         chances = np.ones(count)
@@ -237,8 +237,8 @@ def _one_by_one(fitted: Sorted) -> Sorted:
 def _belonging(
     chances: np.ndarray, robots: Sequence[AgainstOthers], naming: float, *, first: bool
 ) -> np.ndarray:
-    """Robots used next. The spreads of the core are too small, so distances are first scaled to
-    their expected median."""
+    """Mark robots for the next fit. The spreads of the core are too small, so distances are first
+    scaled to their expected median."""
     if not first:
         return chances >= naming
     ratio = [robot.distance / chdtri(max(robot.rows, 1), 0.5) for robot in robots]
@@ -247,7 +247,7 @@ def _belonging(
 
 
 def _core(rows: RobotRows, coordinates: Coordinates) -> np.ndarray:
-    """The half of the robots nearest to a robust mean."""
+    """Mark the half of the robots that is nearest to a robust mean."""
     free = replace(rows, extra=rows.extra + coordinates.worn)
     A, c, _ = free.whitened(prior_spreads(coordinates).variance())
     weights, size = np.ones(len(A)), np.sum(np.any(A != 0, axis=2), axis=1)

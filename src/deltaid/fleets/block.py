@@ -1,8 +1,8 @@
 """Blocks: merged recordings of one robot, for fits and for drift.
 
-Triangles over independent columns of the fit add up: of all samples, of places, and of the effects
-of tolerances. Each recording keeps its brief and its sums of friction. Groups whose scatter gives
-intervals are recordings, or several consecutive ones beyond `MOST_GROUPS`.
+Triangles over independent columns of the fit add up, for all samples, for places, and for the
+effects of tolerances. Each recording keeps its brief and its sums of friction. Intervals come from
+the scatter between groups: recordings, or several consecutive ones beyond `MOST_GROUPS`.
 """
 
 import json
@@ -28,8 +28,8 @@ from deltaid.fleets.factor_record import (
 from deltaid.fleets.merged import Independent, MergedPart, Merging, stacked
 from deltaid.identification.geometric_rows import GeometricRows
 
-# With so many groups Student's t is within 2 % of a normal distribution. Uneven halves make more
-# groups, up to twice as many for evenly spaced recordings.
+# Number of groups from which consecutive ones are merged: Student's t is then within 2 % of a
+# normal distribution. Uneven halves leave up to twice as many for evenly spaced recordings.
 MOST_GROUPS = 128
 _WHOLE = "whole"
 
@@ -46,7 +46,7 @@ class RecordingBlock:
         whole, groups, places: triangles of [Y, τ] over each drive's independent columns; those of
             groups and places, which only determine uncertainty, keep seven digits.
         geometry: triangles of [Y, D, τ], one group; none without tolerances.
-        quantities: those of D.
+        quantities: names of the columns D.
     """
 
     fingerprint: str
@@ -92,7 +92,7 @@ class RecordingBlock:
         )  # fmt: skip
 
     def joined(self, other: "RecordingBlock") -> "RecordingBlock":
-        """Both blocks merged; all keys of the other are greater."""
+        """Merge two blocks; all keys of the other are greater."""
         keys = self.keys + other.keys
         counts, groups = self.counts + other.counts, self.groups.joined(other.groups)
         coarse = _cuts(keys, 1 << ((len(keys) - 1) // MOST_GROUPS).bit_length())
@@ -168,14 +168,14 @@ class RecordingBlock:
 
 
 def halved(keys: Sequence[int]) -> int:
-    """Number of ascending keys in the first half: those whose first differing bit is 0, so that a
-    key's half hardly depends on the other keys."""
+    """Number of ascending keys in the first half, whose first differing bit is 0. So a key's half
+    hardly depends on the other keys."""
     bit = (keys[0] ^ keys[-1]).bit_length() - 1
     return bisect_left(keys, keys[-1] >> bit << bit) if bit >= 0 else len(keys) // 2
 
 
 def _cuts(keys: Sequence[int], most: int) -> list[int]:
-    """Sizes of the largest recursive halves with at most so many recordings."""
+    """Sizes of the largest recursive halves with at most `most` recordings."""
     if len(keys) <= most:
         return [len(keys)]
     middle = halved(keys)
@@ -201,8 +201,8 @@ _ARRAYS = ("samples", "torque_max")
 
 
 def _packed(R: Float[np.ndarray, "groups n n"], kind: type) -> UInt8[np.ndarray, "bytes _ groups"]:
-    """Entries of triangles, first the first byte of all: exponents, which resemble each other,
-    stand together and compress well."""
+    """Entries of triangles, split into bytes of equal significance: similar exponents are adjacent
+    and compress well."""
     return np.ascontiguousarray(entries_of(R).astype(kind)[..., None].view(np.uint8).T)
 
 

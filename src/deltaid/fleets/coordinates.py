@@ -37,7 +37,7 @@ VAGUE = 1.5
 # Factor by which friction's prior is wider than described.
 _VAGUE_FRICTION = 20.0
 FRICTION = ("viscous", "coulomb", "friction")
-# Variance of a free entry: a hundred times its size.
+# Variance of a free entry over its squared size: its deviation is a hundred times its size.
 ANYTHING = 1e4
 
 
@@ -80,7 +80,7 @@ class Coordinates:
         )
 
     def resized(self, p: Float[np.ndarray, " parameters"]) -> "Coordinates":
-        """The coordinates with the sizes of parameters p: spreads are shares of real sizes."""
+        """Take sizes from parameters p, so that spreads are shares of real sizes."""
         layout, sizes = self.reduction.layout, self.reduction.scale.copy()
         for k, variable in enumerate(self.reduction.variables):
             if variable.kind == "inertia":
@@ -162,7 +162,7 @@ class Coordinates:
 
 
 def _same(names: Sequence[str], others: Sequence[str]) -> Float[np.ndarray, "names others"]:
-    """1 where a name is the other."""
+    """1 where both names are equal, else 0."""
     return (np.array(names, dtype=str)[:, None] == np.array(others, dtype=str)).astype(float)
 
 
@@ -176,7 +176,7 @@ def _widened(members: Sequence[TypeMember]) -> dict[str, float]:
 
 
 def _times(p: np.ndarray, prior: np.ndarray, entry: int) -> float:
-    """√(M̄_ii / prior); for second moments their trace, because thin ones are hardly known."""
+    """√(M̄_ii / prior); for second moments by their trace, because small ones are uncertain."""
     M, before = pseudo_inertia(p), pseudo_inertia(prior)
     rows = [3] if entry == 3 else [0, 1, 2]
     return float(np.sqrt(np.trace(M[np.ix_(rows, rows)]) / np.trace(before[np.ix_(rows, rows)])))

@@ -16,11 +16,11 @@ minus the elapsed years is a martingale, and by Doob's inequality
 
 for any number of evaluations. The alarm is R ≥ A, with A the years per false alarm of a drive.
 
-**Few recordings.** The prior of σ then dominates. With dσ/σ instead, B_k depends only on ratios of
-the recordings, as Student's t does, and is a martingale for any σ. So for few recordings the alarm
-uses the smaller of both R: 1 + 1 recordings cannot raise it, 4 + 4 can. Each of them counts as a
-month at least, the first eleven as a year at most, so a robot has no more false alarms in these
-than in a year.
+**Few recordings.** The prior of σ then dominates. With the prior dσ/σ instead, B_k depends only on
+ratios of the recordings, as Student's t does, and is a martingale for any σ. So for few recordings
+the alarm uses the smaller of both R: one recording on each side of a change cannot raise it, four
+can. Each recording counts as at least a month, the first eleven as at most a year, so a robot has
+no more false alarms in these than in a year.
 
 **Drives of a robot** are similar and share their surroundings: temperature dependence and daily
 scatter of friction are nearly the same, so those of the others are the prior of a drive.
@@ -141,19 +141,19 @@ FREEDOM, SIZE = 4.0, 1.0
 KINDS = (("rising", 0.6), ("falling", 0.1), ("stepped", 0.2), ("stepped", 0.1))
 # Standard deviations of the slope of a ramp [% a month] and of a step [%], in units of σ.
 RAMP, STEP = 2.5, 6.0
-# The same of a steep ramp, the only one that few recordings can determine, and the share of ramps
-# that are steep: drives seldom fail within weeks.
+# Deviation of a steep ramp's slope in the same unit, the only ramp that few recordings determine,
+# and the share of ramps that are steep: drives seldom fail within weeks.
 STEEP, SELDOM = 25.0, 0.1
 # Lengths of a week, a year and a month on average [days].
 WEEK, YEAR = 7.0, 365.25
 MONTH = YEAR / 12
-# With fewer recordings σ has no prior, and a change may begin with any of them.
+# Number of recordings below which σ has no prior, and a change may begin with any of them.
 FEWEST = 12
 # Largest number of onsets, which are a week apart at least.
 _MOST = 60
 # Expected changes of a drive per year.
 _A_YEAR = 0.2
-# Exponent of the other drives' evidence on scatter, whose disturbances are correlated.
+# Exponent of the other drives' evidence on scatter: below 1, because disturbances are correlated.
 _TOGETHER = 0.7
 
 

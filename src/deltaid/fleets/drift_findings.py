@@ -19,12 +19,12 @@ from deltaid.fleets.drift_evidence import FEWEST, KINDS, MONTH, WEEK, YEAR
 from deltaid.fleets.drift_series import Explained
 
 State = Literal["steady", "rising", "falling", "stepped", "unknown"]
-# Least time for the finding steady, with `FEWEST` recordings, and for an alarm [days]: over less
-# time gears that warm up look like a change.
+# Least time for the finding steady, with `FEWEST` recordings, and for an alarm [days]: within less
+# time, gears that warm up look like a change.
 _STEADY, _WARMING = 3 * WEEK, 3.0
-# A rate with a wider interval [% a month] is unknown.
+# Half width of a rate's interval from which the rate is unknown [% a month].
 _VAGUE = 5.0
-# Number of draws.
+# Number of draws that quantiles are taken from.
 _DRAWS = 4000
 # Longest reported horizon [years].
 _FAR = 20.0
@@ -35,9 +35,9 @@ class DriftSettings:
     """Settings of the search for drift.
 
     Attributes:
-        limit: of friction, as a ratio to that before the change (1.5) or as a mean torque
+        limit: of friction, as a ratio to its value before the change (1.5) or as a mean torque
             [N m or N]; None for no limit.
-        limit_is: which of both.
+        limit_is: whether the limit is a ratio, 'share', or a torque.
         false_alarms: accepted rate per robot-year, over all of its drives.
         since: start; earlier recordings, such as those before a repair, are excluded.
     """
@@ -48,10 +48,10 @@ class DriftSettings:
     since: datetime | None = None
 
     def __post_init__(self) -> None:
-        """Refuse impossible numbers.
+        """Refuse impossible limits and rates.
 
         Raises:
-            DeltaidError: a limit that is exceeded already, or no false alarms at all.
+            DeltaidError: the limit is exceeded already, or the rate is not above 0 and at most 10.
         """
         lowest = 1.0 if self.limit_is == "share" else 0.0
         if self.limit is not None and not self.limit > lowest:

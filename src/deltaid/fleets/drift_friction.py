@@ -32,7 +32,7 @@ _HELD_SYMBOLS = {"m": 1.0, "mcx": _ARM, "mcy": _ARM, "Izz": _ARM**2}
 # Relative prior spread of declared loads.
 _DECLARED = 0.3
 
-# Mean and precision.
+# Prior mean and precision.
 Prior = tuple[float, float]
 
 
@@ -123,7 +123,7 @@ class FrictionSeries:
 
     @property
     def std(self) -> Float[np.ndarray, "drives n"]:
-        """Its standard deviation within a recording."""
+        """Standard deviation of `mean` within a recording [N m or N]."""
         return np.sqrt(np.einsum("du,nuv,dv->dn", self.weights, self.covariance, self.weights))
 
     @property
@@ -154,7 +154,7 @@ def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> Fric
 
 
 def series_of(sums: FrictionSums, merging: Merging, model: IdentifiedModel) -> FrictionSeries:
-    """Friction of each recording with the bodies of a model with the merging's friction laws.
+    """Friction of each recording with the bodies of a model, by the merging's friction laws.
 
     Raises:
         DeltaidError: the robot has no friction in its drives.

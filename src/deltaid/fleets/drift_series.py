@@ -27,19 +27,19 @@ from deltaid.fleets.drift_evidence import (
 )
 from deltaid.levels import SURE
 
-# Prior standard deviations of coefficients in units of σ (about 1 %), and between drives of one
-# robot: of temperature [1/K], of its square [1/K²], of the heaviest load, of seasons without a
-# known temperature, of a step at a tool change.
+# Prior standard deviations of coefficients in units of σ (about 1 %): temperature [1/K], its square
+# [1/K²], the heaviest load, seasons without a known temperature, and a step at a tool change. The
+# next line has the deviations of the first two between drives of one robot.
 _TEMPERATURE, _CURVE, _LOAD, _SEASON, _TOOL = 1.5, 0.02, 10.0, 6.0, 0.4
 _UNLIKE_TEMPERATURE, _UNLIKE_CURVE = 0.2, 0.003
-# Daily errors of a sensor make the slope too small; that of the temperature over weeks may
-# differ by so much, and between drives.
+# Daily errors of a sensor make the slope too small, so the slope of temperature over weeks may
+# differ: prior deviation of the difference, and its deviation between drives [1/K].
 _SLOW, _UNLIKE_SLOW = 0.4, 0.02
 # Prior standard deviation of an unknown level.
 FLAT = 1e4
 # Outliers: neighbours on each side, least deviation [%].
 _SIDE, _LEAST = 7, 0.2
-# Friction with a larger relative deviation is not used.
+# Largest relative deviation of friction that is used.
 _VAGUE = 0.3
 
 
@@ -50,7 +50,7 @@ class Regressors:
     Attributes:
         scale: prior standard deviations of coefficients, in units of σ.
         unlike: the same between drives of one robot; infinite for independent coefficients.
-        unknown: standard deviation by missing values of a column [%].
+        unknown: standard deviation caused by missing values of a column [%].
     """
 
     names: tuple[str, ...]
@@ -184,7 +184,7 @@ def evidence_of(
     few = sums.count < FEWEST
     if not few.any():
         return result
-    # Coefficients are in units of σ, which absorbs the change and would make them too wide.
+    # σ absorbs the change, so priors in units of σ would be too wide.
     prior = replace(prior, precision=STEP**2 * prior.precision)
     exact = evidence(sums, changes, prior, freedom=0.0)
     return replace(result, R=np.where(few, np.minimum(result.R, exact.R), result.R))
@@ -216,7 +216,7 @@ def _median(values: Float[np.ndarray, "*rows n"]) -> Float[np.ndarray, "*rows"]:
 def _explained(
     y: Float[np.ndarray, "series n"], regressors: Float[np.ndarray, "series n regressors"]
 ) -> Float[np.ndarray, "series n"]:
-    """A rough fit, from clipped changes between consecutive recordings."""
+    """Fit regressors robustly, by clipped changes between consecutive recordings."""
     fitted, count = np.zeros_like(y), regressors.shape[2]
     for k, (series, X) in enumerate(zip(y, regressors, strict=True) if count else ()):
         recorded = np.isfinite(series)

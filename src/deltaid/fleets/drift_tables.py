@@ -93,7 +93,7 @@ def drift_table(robot: RobotDrift) -> pl.DataFrame:
 
 
 def require_table(path: Path) -> None:
-    """Refuse a name before any work.
+    """Refuse a file name with another ending, before any work.
 
     Raises:
         DeltaidError: it ends in neither .parquet nor .csv.

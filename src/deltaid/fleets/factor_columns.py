@@ -38,8 +38,8 @@ from deltaid.robot.parameter import PriorParameter
 
 # Reference speeds of joints whose limits the description does not give [rad/s, m/s].
 _TURNING, _SLIDING = 20.0, 5.0
-# Knots as shares of a joint's reference speed: dense where Stribeck's terms bend. From the last one
-# on splines go on as lines.
+# Knots as shares of a joint's reference speed: dense where Stribeck's terms bend. Beyond the last
+# one splines continue as straight lines.
 KNOTS = (0.0, 0.0025, 0.006, 0.012, 0.024, 0.045, 0.08, 0.14, 0.24, 0.4, 0.65, 1.0)
 _CARDINAL = CubicSpline(KNOTS, np.eye(len(KNOTS)), bc_type="natural")
 # Speed [rad/s, m/s] at which friction at rest is evaluated, on one side of the step.
@@ -47,7 +47,7 @@ _CREEP = np.finfo(float).eps
 
 
 def splines(v: Float[np.ndarray, " samples"], top: float) -> Float[np.ndarray, "knots samples"]:
-    """s_k(v) at speeds v ≥ 0 for a reference speed; together 1 everywhere, and Σ v_k s_k(v) = v."""
+    """s_k(v) at speeds v ≥ 0 for a reference speed, with Σ s_k(v) = 1 and Σ v_k s_k(v) = v."""
     x = v / top
     return _CARDINAL(np.minimum(x, 1.0)).T + np.outer(_CARDINAL(1.0, 1), np.maximum(x - 1.0, 0.0))
 
@@ -66,7 +66,7 @@ class SpeedColumns(Addition):
 
     @property
     def parameters(self) -> tuple[PriorParameter, ...]:
-        """One for each spline; for a drive, also those of one-way friction."""
+        """One constant for each spline; for a drive, also those of one-way friction."""
         symbols = [f"speed{k}" for k in range(len(KNOTS))]
         symbols += [] if self.joint.drive is None else ["one_way", "one_way_speed"]
         return _constants(self.name, symbols, self.dynamics.robot.units(self.name).force)
@@ -237,7 +237,7 @@ def map_to(
             ]
         else:
             every += [{parameter.name: 1.0} for parameter in extra.parameters]
-    # Names that have no place have no effect on torques.
+    # Names without a gathered column have no effect on torques.
     return np.array(
         [[combination.get(name, 0.0) for combination in every] for name in columns.place]
     )

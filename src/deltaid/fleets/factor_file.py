@@ -1,8 +1,8 @@
 """Factor files: one small Parquet file per recording.
 
-A row of the table is one drive's triangle for one group of samples. That of all samples keeps every
-bit; those of stretches, places and tolerances, which only determine uncertainty, keep seven digits.
-Everything else is JSON under the key `deltaid` of the file's metadata.
+A row of the table is one drive's triangle for one group of samples. The triangle of all samples
+keeps every bit; triangles of stretches, places and tolerances, which only determine uncertainty,
+keep seven digits. Everything else is JSON under the key `deltaid` of the file's metadata.
 
 The key of a file is a checksum of its inputs. Files of the same mechanism and the same filter may
 be merged, each recording once.
@@ -68,7 +68,7 @@ _FREE: dict[str, Any] = {
         }
     },
 }
-# Relative difference of equal cut-offs.
+# Largest relative difference of cut-offs that count as equal.
 _SAME = 0.02
 
 
@@ -190,7 +190,7 @@ def digest(content: Any) -> str:
 
 
 def safe(name: str) -> str:
-    """A name as a part of a file's name."""
+    """Replace characters of a name that a file's name should not have."""
     return re.sub(r"[^\w.+-]+", "-", name)
 
 
@@ -227,7 +227,7 @@ def require_mechanism(file: FactorFile, robot: RobotDescription) -> None:
     """Refuse a file of another mechanism.
 
     Raises:
-        RecordingError: with the difference.
+        RecordingError: the mechanisms differ; the message names the difference.
     """
     for key, gathered, described in _differences(_mechanism(file.record.robot), _mechanism(robot)):
         raise RecordingError(

@@ -60,7 +60,7 @@ class FactorGroups:
         )
 
     def joined(self, other: "FactorGroups") -> "FactorGroups":
-        """Its groups, then the other's."""
+        """Append the groups of the other."""
         return FactorGroups(
             self.names + other.names,
             tuple(map(np.concatenate, zip(self.factors, other.factors, strict=True))),
@@ -69,7 +69,7 @@ class FactorGroups:
         )
 
     def summed(self, members: Mapping[int | str, Sequence[int]]) -> "FactorGroups":
-        """Merged groups by their new names; a group that stays alone keeps every bit."""
+        """Merge groups under new names; a group that stays alone keeps every bit."""
         each = [list(places) for places in members.values()]
         factors = (
             [R[k[0]] if len(k) == 1 else triangle(R[k].reshape(-1, R.shape[2])) for k in each]
@@ -84,7 +84,7 @@ class FactorGroups:
 
     @property
     def rounded(self) -> "FactorGroups":
-        """The same with seven digits."""
+        """The groups with factors rounded to seven digits."""
         return replace(
             self, factors=tuple(R.astype(np.float32).astype(float) for R in self.factors)
         )

@@ -25,8 +25,8 @@ _UNDATED = (
 # 2026-W05, 2026-01.
 ALL = "all"
 PERIODS = {"day": "%Y-%m-%d", "week": "%G-W%V", "month": "%Y-%m", ALL: ALL}
-# Folders such as year=2026/month=01/day=31.
 _CHECK = "\n  → check the manifest"
+# Names of folders such as year=2026/month=01/day=31.
 _KEYS = re.compile(r"\b(?:year|month|day|date|hour)=", re.IGNORECASE)
 
 
@@ -145,7 +145,7 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
 
 
 def date_within(name: str) -> datetime | None:
-    """The last date, perhaps with a time, within a name; None where it has none that exists."""
+    """Last valid date in a name, with its time if it has one; None without a date."""
     for match in reversed(list(DATE.finditer(name))):
         with suppress(ValueError):  # such as the 31st of February
             year, month, day, hour, minute, second = (int(part or 0) for part in match.groups())

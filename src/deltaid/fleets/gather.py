@@ -1,4 +1,4 @@
-"""Gather one recording: identified alone, corrected, and condensed with columns for any law."""
+"""Gather one recording: identify it alone, correct and condense it, with columns for any law."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -50,13 +50,13 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 
-# Groups of a recording: stretches of time, and places of the platform, the last of which collects
-# rarely visited ones. Together at most 40.
+# Largest numbers of a recording's stretches of time and of places of the platform, the last of
+# which collects rarely visited ones; least number of places.
 _STRETCHES, _PLACES, _FEWEST_PLACES = 26, 14, 6
-# Largest size of a file and of its record [bytes]; size of all other triangles, those of the whole
-# and of tolerances, in groups.
+# Largest size of a file and of its record [bytes]; size of the triangles of the whole and of
+# tolerances, in sizes of a group.
 _BYTES, _BESIDE, _WHOLES = 950_000, 90_000, 3.5
-# Windows of a recording that determine its temperature.
+# Number of windows of a recording that its temperature is read from.
 _WINDOWS = 12
 # Least number of places along the range of an axis.
 _PARTS = 3
@@ -71,7 +71,7 @@ def gathered(
     force: bool = False,
     progress: Progress = lambda _: None,
 ) -> FactorFile:
-    """A recording identified alone, corrected and condensed; arguments and errors are those of
+    """Identify a recording alone, correct and condense it; arguments and errors are those of
     `deltaid.identify`. Effects found by the contest of causes are not corrected in the rows."""
     type_ = described(robot)
     settings = (settings or Settings()).changed(effects="none")
@@ -265,7 +265,7 @@ def record_of(
     return FactorRecord(
         deltaid=version("deltaid"),
         robot=robot,
-        # Fits and drawings of models follow from the triangles.
+        # Friction curves and posterior follow from the triangles.
         model=model.changed(friction_curves=(), posterior=None),
         names=tuple(columns.place),
         felt=tuple(tuple(places.tolist()) for places in columns.felt),

@@ -36,7 +36,7 @@ _OTHERWISE = "that are gathered otherwise than asked, or by another version"
 _AWAY = "that are not there, and were gathered otherwise than asked, or by another version"
 _DAMAGED = "that are not there, and whose factor files are damaged or gone"
 _UNNAMED = "that the manifest names no more"
-# Grades of verdicts that a table names.
+# Grades of verdicts that the table lists.
 _POOR = ("wrong", "doubtful")
 
 
@@ -103,7 +103,7 @@ def _require_kept(call: Call, lost: Counter[str]) -> None:
     """Refuse to lose gathered factors.
 
     Raises:
-        DeltaidError: with the number of recordings concerned.
+        DeltaidError: factors would be lost; the message counts the recordings concerned.
     """
     allowed = {_OTHERWISE: call.regather}
     kept = {why: n for why, n in (+lost).items() if not allowed.get(why, call.drop_absent)}
@@ -122,7 +122,7 @@ def _require_kept(call: Call, lost: Counter[str]) -> None:
 def gather_again(
     call: Call, outcomes: Sequence[GatherResult], files: set[str]
 ) -> list[GatherResult]:
-    """The outcomes with recordings gathered anew whose factor files are damaged.
+    """Gather recordings anew whose factor files are damaged; returns the outcomes of all.
 
     Raises:
         DeltaidError: some of these recordings are missing, and may not be dropped.

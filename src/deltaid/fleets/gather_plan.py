@@ -184,8 +184,8 @@ def with_cutoffs(
 ) -> GatherPlan:
     """The plan with a cut-off for each type.
 
-    Recordings can only be merged with one filter. Unless given, the first usable recording decides
-    for its type, once; the file `decided.json` keeps the result.
+    Only recordings with the same filter can be merged. Without a given cut-off, the first usable
+    recording decides for its type, once; the file `decided.json` keeps the result.
     """
     if plan.settings.cutoff is not None:
         return plan

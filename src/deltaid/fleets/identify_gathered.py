@@ -54,7 +54,7 @@ def identify_gathered(
 def identify_merged(
     recordings: RobotRecordings, description: RobotDescription, settings: Settings
 ) -> Judged:
-    """The same as `identify_gathered`, from recordings merged for this description."""
+    """Identify a robot as `identify_gathered` does, from recordings merged for this description."""
     briefs = ordered(recordings.block.briefs)
     chosen = recordings.merging.dynamics.robot
     gains = _torque_constants(briefs)

@@ -30,7 +30,7 @@ _TABLES = (".csv", ".parquet")
 _COLUMNS = ("robot", "recording", "type", "columns", "time", "load", "temperature")
 
 
-# The longest path of any system is Linux's.
+# Longest path: the limit of Linux, the largest of any system.
 _Path = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
@@ -59,7 +59,7 @@ class RecordedFile(Part):
             if isinstance(time, str):
                 time = datetime.fromisoformat(time)
                 if time.tzinfo is not None:
-                    time.astimezone(UTC)  # which the first and last days may not have
+                    time.astimezone(UTC)  # fails on the first and last days of all
             return time
         except (ValueError, OverflowError):
             raise ValueError(_TIMES.format(str(time))) from None
@@ -142,7 +142,8 @@ def read_manifest(name: str) -> Manifest:
 
 
 def _require_apart(robots: Iterable[str], where: str) -> None:
-    """Two robots of one name would be fitted as one, and many disks hold one file of both."""
+    """Refuse robots of one name, which would be fitted as one, and names that differ in capital
+    letters only, which many disks take for one file."""
     names = dict[str, str]()
     for robot in robots:
         if same := names.get(robot.casefold()):
@@ -163,7 +164,7 @@ def beside(name: str, manifest: str) -> str:
         return name
     if is_address(manifest):
         return f"{manifest.rpartition('/')[0]}/{name}"
-    path = Path(os.path.expanduser(name))  # that of pathlib fails where there is no such user
+    path = Path(os.path.expanduser(name))  # pathlib's own fails for an unknown user
     return str(path if path.is_absolute() else Path(manifest).parent.resolve() / path)
 
 

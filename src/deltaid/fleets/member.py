@@ -27,10 +27,10 @@ from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.weighings import weighings
 
-# Arrays of a member's file; all else of it is JSON.
+# Arrays of a member's file; everything else in it is JSON.
 _ARRAYS = ("rows", "values", "shared")
-# Geometric quantities of each machine; other lengths, which belong to more than one limb, are wrong
-# in the drawing and shared by all machines of a type.
+# Words in the names of geometric quantities that differ between machines. Other lengths belong to
+# several limbs: their errors are in the drawing, and common to all machines of a type.
 _OWN = ("zero of", "tilt about", "torque constant", " of limb ")
 
 
@@ -82,7 +82,7 @@ class TypeMember:
 
 
 def member(name: str, recordings: RobotRecordings, settings: Settings) -> TypeMember:
-    """The member from recordings of one robot; measured values in its description are those of this
+    """Build a member from recordings of one robot. Measured values in its description are of this
     robot, unless other robots have the same.
 
     Raises:

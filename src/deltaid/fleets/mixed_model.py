@@ -27,7 +27,7 @@ from deltaid.estimation.scatter import NORMAL, inverse
 from deltaid.fleets.coordinates import KINDS, VAGUE, Coordinates, Square, U
 from deltaid.robot.parameter import PRIOR_SPREAD
 
-# Robots processed at once.
+# Number of robots processed at once, which bounds memory.
 _AT_ONCE = 512
 # Bounds of the search for spreads, as shares.
 _LEAST, _MOST = 1e-4, 2.0
@@ -175,7 +175,7 @@ class Spreads:
 
     Attributes:
         kinds: of entries with a spread.
-        at: index of the kind of each of u; −1 without a spread.
+        at: index of the kind of each entry of u; −1 without a spread.
         log: logarithms of the most likely spreads.
         covariance: of these logarithms.
         known: whether there are enough robots to determine them.

@@ -23,7 +23,7 @@ MADE_AGAIN = "remove it; it is made again"
 
 @dataclass(frozen=True)
 class Place:
-    """A folder by `root`, its absolute path or its address; names of files are relative to it.
+    """A folder; `root` is its absolute path or its address, and names of files are relative to it.
 
     `kept` caches data between consecutive jobs, so that nothing is read twice.
     """
@@ -63,7 +63,7 @@ class Place:
         return f"{self.root}/{name}"
 
     def read(self, name: str) -> bytes | None:
-        """The bytes of a file; None if there is none."""
+        """Bytes of a file; None if it is missing."""
         return store.read(self.path_to(name))
 
     def write(self, name: str, data: bytes) -> None:
@@ -74,7 +74,7 @@ class Place:
             store.remove(self.path_to(name))
 
     def table(self, name: str, cure: str = MADE_AGAIN) -> pl.DataFrame | None:
-        """A Parquet table in it; None if there is none.
+        """Read a Parquet table; None if it is missing.
 
         Raises:
             DeltaidError: it is no table.
@@ -100,7 +100,7 @@ class Place:
         self.write(name, sealed(buffer.getvalue()))
 
     def factors(self, name: str, key: str | None = None) -> FactorFile | None:
-        """A factor file in it; None if it is missing, damaged, or of other inputs.
+        """Read a factor file; None if it is missing, damaged, or of other inputs.
 
         Args:
             key: required checksum of its inputs, if known.
@@ -116,11 +116,11 @@ class Place:
         return replace(file, path=name) if key in (None, file.key) else None
 
     def size(self, name: str) -> int:
-        """Bytes of a file; zero if there is none."""
+        """Size of a file [bytes]; zero if it is missing."""
         return int(store.stamp_of(self.path_to(name)).partition(" ")[0] or 0)
 
     def listing(self, folder: str) -> dict[str, int]:
-        """Sizes of all files in one of its folders, by their names relative to `root`."""
+        """Sizes of all files in one of its folders [bytes], by their names relative to `root`."""
         sizes = store.listing(self.path_to(folder))
         return {f"{folder}/{name}": size for name, size in sizes.items()}
 
@@ -137,10 +137,10 @@ class Place:
         self.kept[name] = model
 
     def model(self, name: str) -> IdentifiedModel:
-        """A saved model in it.
+        """Load a model that was saved here.
 
         Raises:
-            StoreError: there is none, or the store cannot be reached.
+            StoreError: the model is missing, or the store cannot be reached.
         """
         path = self.path_to(name)
         try:

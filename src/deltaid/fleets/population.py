@@ -38,9 +38,9 @@ MEMBERS = {
     **dict.fromkeys(("value", "std", "low", "high", "alone_std", "deviation"), _NUMBER),
     **{"unit": _TEXT, "belongs": pl.Boolean, "reason": _TEXT, "chance": _NUMBER},
 }
-# Digits of a spread.
+# Significant digits of a spread.
 _DIGITS = 3
-# Weights of the barrier.
+# Weights of the barrier, from step to step.
 _BARRIER = np.geomspace(1.0, 1e-4, 9)
 
 
@@ -64,9 +64,9 @@ class MemberEstimate:
     """One robot within its type.
 
     Attributes:
-        within: its parameters given all robots; of an outlier, by itself.
+        within: its parameters given all robots; for an outlier, from its own recordings alone.
         alone_std: standard deviations from its own recordings and the description.
-        reason: its difference; empty if there is none.
+        reason: its difference from the others; empty without a significant one.
         chance: p-value of its distance from the others.
     """
 
@@ -213,7 +213,7 @@ def _spreads(fleet: Population) -> dict[str, dict[str, float]]:
 
 
 def _short(value: float) -> float:
-    """The value rounded up, never narrower."""
+    """Round a spread up, so that it is never narrower."""
     unit = 10.0 ** (np.floor(np.log10(value)) - _DIGITS + 1)
     return float(f"{np.ceil(value / unit) * unit:.{_DIGITS + 1}g}")
 
@@ -221,7 +221,7 @@ def _short(value: float) -> float:
 def widest(
     Q: Float[np.ndarray, "n n"], rows: Float[np.ndarray, "entries n"]
 ) -> Float[np.ndarray, " entries"]:
-    """w of every entry (see above)."""
+    """Weights w of all entries, as in the module's docstring."""
     size = np.sqrt(np.diag(Q))
     Q, rows = Q / np.outer(size, size), rows / size
     Q = Q + max(ROUNDING - float(np.linalg.eigvalsh(Q)[0]), 0.0) * np.eye(len(Q))

@@ -29,7 +29,7 @@ from deltaid.fleets.fleet import DATE, date_within
 from deltaid.levels import SURE
 from deltaid.model.record import IdentifiedModel
 
-# Larger stamps are seconds since 1970, not since the start of a recording.
+# Stamps above this count seconds from 1970, smaller ones from the start of a recording.
 _SINCE_1970 = 1e9
 
 
@@ -101,7 +101,7 @@ def _time(file: FactorFile) -> datetime:
     )
 
 
-# Largest number of tool changes.
+# Largest number of tool changes that are searched.
 _MOST = 8
 
 
@@ -170,16 +170,16 @@ def robot_drift(
     *,
     name: str = "",
 ) -> RobotDrift:
-    """Friction of a robot's drives over time, with temperature and load taken out.
+    """Friction of a robot's drives over time, corrected for temperature and load.
 
     Args:
         recordings: of one robot, each once, in any order.
         model: of this robot, from all or some of them; its rigid bodies are fixed.
-        settings: limit, false alarms, first time.
+        settings: limit, accepted rate of false alarms, and start.
         name: of the robot.
 
     Raises:
-        RecordingError: there are none, or they do not go together or with the model.
+        RecordingError: recordings are missing, or do not match each other or the model.
     """
     settings = settings or DriftSettings()
     kept = kept_since(recordings, settings)
@@ -193,7 +193,7 @@ def kept_since(
     """Recordings in which drift is searched, sorted by time.
 
     Raises:
-        RecordingError: there are none.
+        RecordingError: no recording is left.
     """
     since = settings.since
     kept = [log for log in recordings if since is None or log.time >= since]
@@ -218,7 +218,7 @@ def drift_of(
 
     Args:
         recordings: sorted by time.
-        friction: of them.
+        friction: of these recordings.
     """
     first, drives = recordings[0].time, model.robot.drives
     days = np.array([(recording.time - first) / timedelta(days=1) for recording in recordings])

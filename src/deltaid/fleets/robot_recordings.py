@@ -1,4 +1,4 @@
-"""Recordings of a robot, merged in kept blocks, and the fit to them."""
+"""Recordings of a robot, merged in saved blocks, and the fit to them."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,8 +28,8 @@ from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
 from deltaid.sensors.weighings import weighings
 
-# Up to so many recordings, groups are their stretches of time; otherwise groups are recordings, and
-# smaller blocks are kept only as long as each night needs them.
+# Number of recordings up to which groups are their stretches of time; beyond, groups are
+# recordings. Blocks of fewer recordings are saved only beside the newest ones, for the next call.
 FEW = 10
 # Bits of the recording's checksum in a key.
 _BITS = 64
@@ -66,7 +66,7 @@ def merged_files(
     """Factor files of a robot, merged with its friction laws or those that they choose.
 
     Raises:
-        RecordingError: they do not go together, or not with the robot.
+        RecordingError: they do not match each other or the robot.
     """
     require_alike(files, robot)
     each = {int.from_bytes(file.record.sha256.encode()): file for file in files}
@@ -89,8 +89,8 @@ def merged_as(
     """Recordings merged in the order of their ascending keys.
 
     Args:
-        files: by the index of their keys, of recordings that no known block has; they are removed
-            as they are merged.
+        files: by the index of their keys, of recordings without a known block; each is removed as
+            it is merged.
         known: existing blocks.
         keep: called with new blocks.
     """
@@ -116,7 +116,7 @@ def _merged(
     """The block of all keys, merged by recursive halves.
 
     Args:
-        leaf: block of the index of a key.
+        leaf: makes the block of one key from its index.
         known, keep: as in `merged_as`.
         first: index of the first key.
     """
@@ -135,7 +135,7 @@ def _merged(
 def fitted(
     recordings: RobotRecordings, robot: RobotDescription, settings: Settings
 ) -> FittedProblem:
-    """The fit of a robot, that of the merging or one with other priors or measured values.
+    """Fit a robot: the one of the merging, or one with other priors or measured values.
 
     Args:
         settings: method, regulariser, γ and prior's spread.
@@ -159,7 +159,7 @@ def fitted(
 
 
 def merged_recordings(job: FleetJob, place: Place) -> RobotRecordings:
-    """The recordings of a job, merged by recursive halves whose blocks are kept: a call reads
+    """The recordings of a job, merged by recursive halves whose blocks are saved: a call reads
     blocks of unchanged halves, and the factor files of new recordings.
 
     A block is named by a checksum of its recordings and of all other inputs. So a missing, damaged
@@ -168,7 +168,7 @@ def merged_recordings(job: FleetJob, place: Place) -> RobotRecordings:
 
     Raises:
         DamagedFactorsError: factor files cannot be read.
-        RecordingError: they do not go together, or not with the robot.
+        RecordingError: they do not match each other or the robot.
     """
     if job.files not in place.kept:
         place.kept[job.files] = _of_blocks(job, place)
@@ -223,7 +223,7 @@ def _key(leaf: GatherResult) -> int:
 def _spans(
     keys: Sequence[int], count: int, first: int = 0, *, of_newest: bool = True
 ) -> Iterator[tuple[_Span, bool]]:
-    """All recursive halves, each before its parts, and whether its block is kept."""
+    """Yield all recursive halves, each before its parts, and whether its block is saved."""
     size, is_newest = len(keys), first + len(keys) == count
     yield (first, first + size), size == 1 if is_newest else size >= FEW or of_newest
     if size > 1:

@@ -1,4 +1,4 @@
-"""A call of a fleet: its card and its table."""
+"""Card and table of a call of `fleet`."""
 
 from collections.abc import Sized
 
@@ -16,12 +16,12 @@ def fleet_run_card(run: FleetRun) -> Card:
 
 
 def fleet_run_frame(run: FleetRun) -> pl.DataFrame:
-    """A row a recording, as in `recordings.parquet`."""
+    """One row per recording, as in `recordings.parquet`."""
     return recordings_table(run.outcomes)
 
 
 def summary(run: FleetRun) -> str:
-    """How many robots, recordings and fits there are, and what this call has made of them."""
+    """Numbers of robots, recordings and fits, and what this call made of them."""
     used = [outcome for outcome in run.outcomes if outcome.file]
     robots = {outcome.recorded.robot for outcome in used}
     fits = [fit for fit in run.fits if not fit.reason]

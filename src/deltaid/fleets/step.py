@@ -40,7 +40,7 @@ _Result = TypeVar("_Result")
 
 
 def tables_of(place: Place, schemas: Mapping[str, Mapping[str, Any]]) -> Tables:
-    """Tables of earlier calls; those of another version are made again, except that of recordings.
+    """Tables of earlier calls; those of another version are made again, except the recordings'.
 
     Args:
         schemas: columns of tables, by name.
@@ -188,7 +188,7 @@ class FleetJob:
         return f"{JOURNAL}/{self.key}-{table}.parquet"
 
 
-# Jobs of a robot, each dependent on those before.
+# Jobs of a robot, each of which depends on the previous ones.
 Chain = tuple[FleetJob, ...]
 
 
@@ -199,7 +199,7 @@ class JobResult:
     Attributes:
         tables: by name, such as 'parameters', if made in this call.
         reason: of a failure; empty on success.
-        lasting: whether another call would end the same.
+        lasting: whether another call would end in the same way.
         damaged: unreadable factor files that have to be gathered again.
         is_new: whether it was done in this call.
     """

@@ -35,7 +35,7 @@ from deltaid.robot.load import save_yaml
 
 # Folder of robots' contributions to their types.
 MEMBERS_FOLDER = "members"
-# Folder of blocks of merged recordings: for each robot those of all, and those of a long period.
+# Folder of blocks of merged recordings: for each robot, of all recordings and of its periods.
 BLOCKS = "merged"
 PARAMETERS = {
     **dict.fromkeys(("robot", "type", "period"), pl.String),
@@ -76,7 +76,7 @@ def gain_rows(model: IdentifiedModel) -> Iterator[tuple[object, ...]]:
 
 
 def _with_model(job: FleetJob, place: Place) -> tuple[RobotRecordings, IdentifiedModel]:
-    """A function with a name, which other processes can be given."""
+    """Recordings and model of a robot; a named function, because processes cannot pass lambdas."""
     return merged_recordings(job, place), place.model(_model_file(job.robot))
 
 
@@ -197,8 +197,8 @@ def _periods(
 
 
 def robot_chains(fits: Iterable[FleetJob], drift: DriftSettings) -> list[Chain]:
-    """Fits; after those of all recordings of a robot, its drift and its contribution to its
-    type."""
+    """Chains of jobs: fits, and after the fit of all recordings of a robot its drift and its
+    contribution to its type."""
     asked = {key: str(value) for key, value in asdict(drift).items()}
     chains = list[Chain]()
     for fit in fits:

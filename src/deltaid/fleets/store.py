@@ -78,7 +78,7 @@ def stamps_of(paths: Iterable[str]) -> dict[str, str]:
 
 
 def stamp_of(path: str) -> str:
-    """A file's stamp; empty if there is no such file.
+    """Stamp of a file; empty if it is missing.
 
     Raises:
         StoreError: the store cannot be reached.
@@ -97,7 +97,7 @@ def stamp_of(path: str) -> str:
 
 
 def is_folder(path: str) -> bool:
-    """Whether there is a folder of this machine."""
+    """Whether a path is a folder on this machine."""
     return not is_address(path) and os.path.isdir(path)
 
 
@@ -123,7 +123,7 @@ def local_file(path: str, stamp: str = "") -> Generator[Path]:
 
 
 def read(path: str) -> bytes | None:
-    """The bytes of a file; None if there is none.
+    """Bytes of a file; None if it is missing.
 
     Raises:
         StoreError: the store cannot be reached.
@@ -143,7 +143,7 @@ def read(path: str) -> bytes | None:
 
 
 def write(path: str, data: bytes) -> None:
-    """A file of these bytes, whole or not at all.
+    """Write a file, whole or not at all.
 
     Raises:
         DeltaidError: it cannot be written.
@@ -155,7 +155,7 @@ def write(path: str, data: bytes) -> None:
 
 
 def listing(folder: str) -> dict[str, int]:
-    """Sizes of all files in a folder and those in it, by their names seen from there.
+    """Sizes of all files in a folder and its subfolders [bytes], by their relative names.
 
     Raises:
         StoreError: the store cannot be reached.
@@ -211,7 +211,7 @@ def _fetch(path: str, copy: Path, stamp: str) -> None:
     after = system.info(path)
     _require_stamp(path, stamp, _stamp(after))
     if after.get("size") is not None and copy.stat().st_size != after["size"]:
-        # A moment later it may be whole.
+        # The next attempt may get the whole file.
         raise OSError(f"came incomplete: {copy.stat().st_size} of {after['size']} bytes")
 
 

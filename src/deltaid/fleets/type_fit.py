@@ -34,11 +34,11 @@ def fitted(
     """Fit a type to its robots.
 
     Args:
-        members: of `member`, in any order.
+        members: results of `member`, in any order.
         robot: the type's description, with its priors.
 
     Raises:
-        IdentificationError: there is no robot, or one twice.
+        IdentificationError: no robot is given, or one twice.
     """
     members = sorted(members, key=lambda member: member.name)
     if not members:
@@ -58,8 +58,8 @@ def fitted(
 
 
 def _sorted(coordinates: Coordinates, members: Sequence[TypeMember]) -> Sorted:
-    """Robots that belong. A measurement in several robots' descriptions counts once, as a row of
-    its own."""
+    """Find the robots that belong. A measurement in the descriptions of several robots counts once,
+    as a separate row."""
     times = Counter(fact.key for member in members for fact in member.facts)
     common = {fact.key: fact for member in members for fact in member.facts if times[fact.key] > 1}
     rows = [
@@ -156,7 +156,7 @@ def _consistent(coordinates: Coordinates, u: U, C: Square) -> Float[np.ndarray, 
     Solves the conic program  min ‖W (x − x_u)‖²  over the cone, WᵀW the inverse covariance.
 
     Raises:
-        IdentificationError: the solver did not reach its end.
+        IdentificationError: the solver did not converge.
     """
     reduction, n = coordinates.reduction, coordinates.size
     x = u[:n] * coordinates.sizes
@@ -210,7 +210,8 @@ def _reason(robot: AgainstOthers, coordinates: Coordinates, m: U) -> str:
 
 
 def _causes(robot: AgainstOthers, coordinates: Coordinates, m: U) -> Iterator[_Cause]:
-    """Causes: a factor of torques, single entries, and whole bodies; platform and tool last."""
+    """Yield causes: a factor of torques, single entries, and whole bodies; platform and tool
+    last."""
     variables, rigid = coordinates.reduction.variables, ~coordinates.is_friction
     yield _Cause((), "", robot.along(torques(robot, coordinates, m)[:, None]))
     single = sorted(

@@ -37,7 +37,7 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 # One task at a time in a process: tasks use threads, or are not thread-safe.
 ALONE = Lock()
-# Largest number of tasks submitted to a scheduler: all of a fleet's year would slow it down.
+# Largest number of tasks submitted to a scheduler at once: tasks of a year would slow it down.
 _AT_ONCE = 2000
 # Time limit of a scheduler's answer [s].
 _PATIENCE = 15
@@ -140,8 +140,8 @@ def defect(error: object) -> str:
 
 
 class _Processes(ProcessPoolExecutor):
-    """Processes that do not import the script of this one, which would call for workers of its own
-    where it has no guard: all that they do lies in deltaid."""
+    """Processes that do not import this process's script, which would start workers again where it
+    lacks a `__main__` guard; tasks only need deltaid."""
 
     def submit(self, *task: Any, **options: Any) -> Future[Any]:
         script = sys.modules["__main__"]
@@ -228,8 +228,8 @@ def open_workers(
             code = path.read_bytes()
 
             class OwnCode(WorkerPlugin):
-                """The user's file as it was when the command was called, on each worker, also on
-                those that start later."""
+                """The user's file as it was at the call, on each worker, also on workers that start
+                later."""
 
                 def setup(self, worker: Any) -> None:
                     del worker
