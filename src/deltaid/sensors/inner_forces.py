@@ -35,7 +35,7 @@ class StrutForceRows(SensorRows):
     """Rows of one gauge on a strut.
 
     Raises:
-        DescriptionError: there is no such strut, or only the sum of a limb's struts is determined.
+        DescriptionError: no such strut, or only the sum of a limb's struts is determined.
     """
 
     sensor: StrutForce
@@ -141,7 +141,7 @@ class JointTorqueRows(SensorRows):
     """Rows of one joint torque sensor.
 
     Raises:
-        DescriptionError: there is no such drive.
+        DescriptionError: the drive does not exist.
     """
 
     sensor: JointTorque

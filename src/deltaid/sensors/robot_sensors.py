@@ -35,7 +35,7 @@ def sensor_rows(
     Args:
         dynamics: of the robot.
         name: of the sensor.
-        sensor: as described; the robot's own description need not have it.
+        sensor: its description, which the robot's need not contain.
         prior_spread: of the fit; all scales of parameters are relative to it.
 
     Raises:

@@ -2,9 +2,9 @@
 
     y = C(z, q̇, q̈) p + D(z, q̇, q̈, y) u + e,    u: bias, pose, gain, depending on the sensor
 
-Each kind of sensor is a class in a file of its own. All kinds take columns from a graph; some
+Each kind of sensor is a class in a separate file. All kinds take columns from a graph; some
 columns also depend on the measured values y. Columns of u that follow from the motion, such as a
-rotor's spin, follow C in the graph. The column of a bias is ones, that of a gain is y, because
+rotor's spin, follow C in the graph. A bias has a column of ones, a gain the column y, because
 y = (C p + b)/(1 − g) is
 
     y = C p + b + g y.
@@ -106,7 +106,7 @@ class SensorRows(ABC):
     def pattern(self) -> Pattern:
         """Channel and column of each entry that is not always zero.
 
-        Columns below len(p) are those of p, the others are of `parameters`.
+        Columns below len(p) belong to p, the others to `parameters`.
         """
         rows, columns = self._compiled[1]
         first = len(self.dynamics.layout.parameters) + len(self.moving)
