@@ -1,4 +1,4 @@
-"""`deltaid.calibrate`: geometry of a Delta from measured poses, and what stays undetermined."""
+"""`deltaid.calibrate`: geometry of a Delta from measured poses, with undetermined combinations."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -216,7 +216,7 @@ def calibrate(
     Raises:
         DeltaidError: a deviation is negative or too large, or the tool is no point near the robot.
         RecordingError: there are no readings, or a file cannot be used.
-        DescriptionError: the robot has no such numbers.
+        DescriptionError: the robot has no limbs or separate struts, or every number is held.
         IdentificationError: no geometry fits.
     """
     description = described(robot)

@@ -90,7 +90,7 @@ class UsedReadings(WeightedRows):
 
 @dataclass(frozen=True, eq=False)
 class GeometryFit:
-    """A fitted geometry: readings of each instrument, their rows and those of torques, free numbers
+    """A fitted geometry: readings of each instrument, rows of these and of torques, free numbers
     in units of their prior, and the information on these and the instruments' unknowns."""
 
     loops: Loops = field(repr=False)
@@ -190,7 +190,7 @@ def _solved(loops: Loops, known: Unknowns, readings: Sequence[UsedReadings], u: 
 
 def fit(loops: Loops, known: Unknowns, instruments: Sequence[Instrument]) -> GeometryFit:
     """The geometry that explains the readings, without outliers. Raises an IdentificationError
-    where there is none, or more than a fifth of an instrument's readings are outliers."""
+    where none exists, or more than a fifth of an instrument's readings are outliers."""
     readings = [_readings_near_description(loops, known, instrument) for instrument in instruments]
     try:
         solution = _solved(loops, known, readings, np.zeros(known.G.shape[1]))

@@ -55,7 +55,7 @@ class Loops:
         z = ca.vertcat(y[:3], y[3:] if not known.apart else ca.SX(0, 1))
         points = build_platform(robot, Path.still(z), platform.get("half")).points
         turn, x = ca.SX.eye(3), y[:3]
-        if known.apart:  # small rotation to third order, exact within what struts allow
+        if known.apart:  # rotation to third order, exact for tilts that struts allow
             S = skew(y[3:6])
             turn += S + S @ S / 2 + S @ S @ S / 6
         c = ca.vertcat(*(

@@ -283,7 +283,7 @@ def _drive_hypotheses(loops: Loops, instrument: Instrument, allowed: float) -> H
 
 def _matched_order(x: Float[np.ndarray, "rows 3"], m: Float[np.ndarray, "rows 3"]) -> np.ndarray:
     """Index of each point's pose by its distances to all others, which no frame changes; in the
-    given order where there are too many to search."""
+    given order where they are too many to search."""
     if len(m) > _ORDERED:
         return np.arange(len(m))
     own, others = (

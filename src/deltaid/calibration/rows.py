@@ -71,7 +71,7 @@ def noise_levels(rows: Sequence[WeightedRows], u: U) -> list[float]:
     """Factors by which the noise of each part exceeds the assumed one.
 
     A number far from its description must not count as noise. So factors are computed with the
-    prior and with a wider one; those that make the rows more probable are taken.
+    prior and with a wider one; the result makes the rows more probable.
     """
     choices = []
     for spread in (1.0, CERTAIN):

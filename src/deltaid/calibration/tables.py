@@ -72,7 +72,7 @@ def read(
     kind: PoseKind, given: RecordingLike, columns: InstrumentColumns, loops: Loops
 ) -> Instrument:
     """Readings of one file or table, in SI units. Raises a RecordingError where it is of another
-    instrument, a column or number is missing, there are no rows or too many, drives look like
+    instrument, a column or number is missing, it has no rows or too many, drives look like
     degrees, or poses are out of reach."""
     source, instrument = as_source(given, kind), KINDS[kind]
     table = source.table if isinstance(source, Recording) else open_table(source)

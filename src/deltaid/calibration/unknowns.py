@@ -4,7 +4,7 @@ A rotary limb has eight: position of its base joint relative to its platform joi
 difference enters the closed loops), direction of its motor axis (2), upper arm, zero, strut. A limb
 on a rail has seven: position across the rail (2), direction of the rail (2), zero, scale of the
 drive, strut. H4 and Par4 also have the length of their middle. With separate struts, so that the
-platform may tilt, a limb has five more and the tool three. A robot file holds those that have keys.
+platform may tilt, a limb has five more and the tool three. A robot file holds some of them.
 """
 
 from collections.abc import Sequence
@@ -296,7 +296,7 @@ def _changed(limbs: Limbs, each: Sequence[dict[str, float]]) -> dict[str, object
 def _tolerances(
     robot: RobotDescription, known: Unknowns, std: Float[np.ndarray, " numbers"]
 ) -> Tolerances:
-    """The largest standard deviation of each kind of length, and that of each drive's zero."""
+    """The largest standard deviation of each kind of length, and of each drive's zero."""
     pairs, stated = list(zip(known.numbers, std.tolist(), strict=True)), robot.tolerances
     lengths = {
         name: max(
