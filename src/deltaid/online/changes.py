@@ -11,7 +11,7 @@ long as nothing changes, so
     D = Σ G ν / s,   C = Σ G² / s,   score D / √C,   Δ = D / C  with variance 1 / C
 
 is the likelihood ratio of a change at θ (Willsky and Jones), which accounts for the filter's
-response since then. A fixed number of times θ is kept in turn, so memory and work are bounded. When
+response since then. A fixed number of times θ is stored, so memory and work are bounded. When
 a change is accepted, its effect on the other estimates is removed, and the load begins with Δ.
 """
 
@@ -42,7 +42,7 @@ class Onset(NamedTuple):
     twice: ca.SX
 
     def later(self, lowpass: Lowpass, stays: ca.SX) -> "Onset":
-        """The same onsets a cycle later.
+        """The onsets one cycle later.
 
         Args:
             stays: share of each estimate that is kept over a cycle.

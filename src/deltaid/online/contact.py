@@ -111,7 +111,7 @@ class Contact:
 
     Attributes:
         size: χ / u; a contact where it is above 1.
-        found: 1 while there is a contact, else 0.
+        found: 1 during a contact, else 0.
         limb: drive whose limb is pushed, from 1 on; 0 for the platform, −1 without a contact.
         force: on the platform, if that is pushed [N].
         effort: external torque on each drive [N m or N].

@@ -126,7 +126,7 @@ def load_entries(dynamics: Dynamics, body: str | None = None) -> LoadEntries:
         body: that carries it; None for EE, or P where there is no EE.
 
     Raises:
-        DescriptionError: the robot has no such body, or it must be named.
+        DescriptionError: the body does not exist, or must be named.
     """
     bodies = dynamics.layout.bodies
     chosen = body or dynamics.robot.load_carrier

@@ -48,7 +48,7 @@ class CycleEstimates:
 
     Attributes:
         before: mean and covariance of the states before this cycle's measurements.
-        behind: the same after them.
+        behind: mean and covariance after them.
         change: whether another load is held from now on.
         differs: 1 where the gripper's signal differs from the previous state.
         grip: estimate of when a load was taken or released.
@@ -106,7 +106,7 @@ def estimates(
     innovations = s.smooth_residual - rows @ before.x
     variances = ca.SX(known.noise**2) + (_AT_REST / period) * s.at_rest**2
     weight = s.live * s.calm * (1 - touched) * (1 - differs)
-    # Entries of a change in units of its mass: those of the held or just released load, otherwise a
+    # Entries of a change in units of its mass: as of the held or just released load, otherwise a
     # mass alone.
     least = known.least_mass / known.load_scales[0]
     load = ca.if_else(grip.open_, fields.before["left"] * (1 - held), before.x[:n_load] * held)

@@ -14,7 +14,7 @@ from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS
 # An entry is identifiable if half of its interval is below this share of its size for such a mass.
 _SHOWN = 0.25
 # Delay of detection of a change without a gripper's signal [s]: a load is reported as estimated
-# before it, and a load that is held for less is a step towards another one.
+# before it, and a load that is held for less is a step towards another load.
 _DELAY = 0.05
 # Contacts with a smaller gap [s] count as one.
 _APART = 0.02
@@ -95,7 +95,7 @@ class Loads:
     """Collector of held loads, one after the other.
 
     Args:
-        told: whether there is a gripper's signal; without it, loads that are too small or too brief
+        told: whether the gripper's signal is known; if not, loads that are too small or too brief
             are dropped.
     """
 

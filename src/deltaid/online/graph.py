@@ -47,7 +47,7 @@ class Layout:
         initial: values of a state.
 
     Raises:
-        ValueError: two have the same name.
+        ValueError: two fields have the same name.
     """
 
     def __init__(self, *fields: Field) -> None:

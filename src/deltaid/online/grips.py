@@ -11,7 +11,7 @@ estimate x ± √P of a load that is taken at the signal, the mass and its likel
 
 with F of the mass itself, and π Laplace's density about the signal plus a weight at the signal.
 The mass of a released load is known. Torques before the signal may also be a push of any size.
-Until the time is decided, outputs are those of the mixture. Once the spread of times is within a
+Until the time is decided, outputs follow from the mixture. Once the spread of times is within a
 step, or the load can hardly come any more, the mean of the mixture becomes the estimate.
 """
 
@@ -141,7 +141,7 @@ def grip_before(
 def _times(
     onsets: Onsets, since: ca.SX, left: ca.SX, held: ca.SX, x: ca.SX, P: ca.SX
 ) -> tuple[ca.SX, ...]:
-    """For each candidate time, and last that of the signal: probability, offset of the signal, mass
+    """For each candidate time, the signal's last: probability, offset of the signal, mass
     and its variance, the change in torques before estimates contained it, and the mean of their
     product. The last onset stands for no change yet and takes the remaining probability."""
     D, C, F = onsets.symbols.evidence, onsets.symbols.information, onsets.symbols.moved[0, :]

@@ -82,16 +82,16 @@ class Waits:
         return int(np.ceil(max(self.motion, *self.torque)))
 
     def of_inputs(self, inputs: Layout) -> list[float]:
-        """Delay of each input; the gripper's is that of the motion, in whole cycles."""
+        """Delay of each input; the gripper's equals the motion's, in whole cycles."""
         each = {"tau": [*self.torque], "gripper": [float(self.whole)], "elapsed": [0.0]}
         return [x for f in inputs.fields for x in each.get(f.name, [self.motion] * f.size)]
 
 
 def waits(model: Model, settings: OnlineSettings) -> Waits:
-    """Delays for the drives' lags: those of the settings, otherwise those of the model.
+    """Delays for the drives' lags: from the settings, otherwise from the model.
 
     Raises:
-        DeltaidError: there is not one lag per drive, or they are too long.
+        DeltaidError: the number of lags is not one or the number of drives, or lags are too long.
     """
     dof = len(model.robot.drives)
     given = delays_of(model) if settings.delay is None else np.atleast_1d(settings.delay)
@@ -130,8 +130,7 @@ def line(
     Args:
         inputs, u: layout and symbols.
         waits: delay of each number, in cycles.
-        goes_on: 1 where the previous cycle was good; if not, the robot is taken to have been where
-            it is now.
+        goes_on: 1 where the previous cycle was good; if not, the robot is assumed not to have moved.
         finite: 1 where all inputs are finite; if not, zeros are kept, and `goes_on` has to be 0 in
             the next cycle.
     """
@@ -158,7 +157,7 @@ def instant(
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """q, q̇ and τ of this cycle, or of the middle between the previous one and this one.
 
-    A torque that is held between two positions is that of the middle.
+    A torque that is held between two positions belongs to the middle.
 
     Args:
         u: inputs of one instant.
@@ -272,7 +271,7 @@ def even_rows(
     skipped = ca.logic_and(bad, ca.logic_not(anew))
     even = u | {"q": chosen(skipped, ahead, q), "tau": chosen(skipped, tau1, u["tau"])}
     behind = ca.logic_and(missed > 0, ca.logic_not(bad))
-    # The parabola is a q + b q₁ + …: noise of a speed in addition to that of differences.
+    # The parabola is a q + b q₁ + …: noise of a speed in addition to the differences' noise.
     a, b = 2 * h**2 / ((2 * h + at) * (h + at)), 2 * at / (h + at)
     stretched = ca.sqrt(ca.fmax(0.5 * (a**2 + (1 - b) ** 2) - 1, 0))
     added = chosen(behind, ca.fabs(q - ahead) / h, stretched * noise)

@@ -83,7 +83,7 @@ class States:
 
     Attributes:
         stays: share of each that is kept over a cycle.
-        wander: 1 for those whose mean is forgotten too.
+        wander: 1 for states whose mean is forgotten too.
 
     Args:
         kinds: of each: 0 load, 1 model, 2 friction, 3 unmodelled.

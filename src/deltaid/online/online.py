@@ -239,7 +239,7 @@ class Online(Named):
         """Inputs of cycles, one per row.
 
         Raises:
-            DeltaidError: one has a wrong shape, or velocities are not what the settings say.
+            DeltaidError: an input has a wrong shape, or velocities contradict the settings.
         """
         velocity = {} if self._differenced(qd) else {"qd": qd}
         q, *motion = as_rows(self.model.dynamics.dof, q=q, **velocity, tau=tau)

@@ -80,7 +80,7 @@ class Replay:
 
     @property
     def has_gripper(self) -> bool:
-        """Whether there is a gripper's signal."""
+        """Whether the recording has a gripper's signal."""
         return bool(self.log.columns.loads)
 
     def settings(self, given: OnlineSettings) -> OnlineSettings:
@@ -104,7 +104,7 @@ class Replay:
 
     @cached_property
     def powerless(self) -> tuple[Mask, ...]:
-        """Rows whose torques did not move the robot: stale ones, and those on brakes with the stop
+        """Rows whose torques did not move the robot: stale rows, and rows on brakes with the stop
         before them."""
         braked = [m for m in self.masks if m.reason == "on brakes" and m.end - m.start > _BRAKED]
         stops = [m for m in self.masks if m.reason == "emergency stop"]

@@ -23,16 +23,16 @@ from deltaid.model.model import Model
 from deltaid.motion.random_motion import INSTANTS, random_motion
 from deltaid.online.entries import LoadEntries, load_entries
 
-# Fix of a model that does not say how far its torques may be off.
+# Fix for a model without intervals.
 IDENTIFY_FIRST = "identify a model from a recording first, `deltaid identify`"
 # Longest time from the gripper's signal to the load [s].
 LONGEST_GRIP = 10.0
 # Largest share of rows that repeat the previous one, and time [s] by which the mass is known after
-# a load is taken, whatever its signal says.
+# a load is taken, even if its signal is late.
 MOST_STALE, SOON = 0.2, 0.2
 # Least number of cycles in the filter's time constant if it follows from the rate.
 _CYCLES = 5.0
-# Settings with a number for each drive, and those that are positive.
+# Settings with a number for each drive, and settings that are positive.
 _OF_DRIVES = ("noise", "unmodelled", "speed_noise", "torque_ends")
 _POSITIVE = (
     "rate", "corner", "extent", "rest_speed", "friction_time", "alarm", "largest_mass",
@@ -188,7 +188,7 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
     """Uncertainty of a model for online estimation.
 
     Raises:
-        DescriptionError: no such body to carry a load.
+        DescriptionError: the body that carries loads does not exist.
         DeltaidError: noise is not given for each drive.
     """
     dynamics, layout, identified = model.dynamics, model.layout, model.identified
@@ -251,7 +251,7 @@ def _each(
     """Given numbers of all drives, or default ones.
 
     Raises:
-        DeltaidError: there is not one for each drive.
+        DeltaidError: the number of values is not the number of drives.
     """
     if given is None:
         return np.maximum(else_, 1e-9)

@@ -25,7 +25,7 @@ class Signals:
     Attributes:
         inputs, u: layout and symbols of the inputs.
         good: 1 where they can be used and the loops close.
-        live: 1 where this cycle and those before are good, so that filters have a history.
+        live: 1 where this cycle and the previous ones are good, so that filters have a history.
         settled: 1 where filters have forgotten their initial state.
         calm: 1 where this cycle uses no skipped row.
         bridged: noise of speeds by skipped rows.

@@ -10,7 +10,7 @@ taken at θ + d, with a free mass, this explains
 
     G(d) = (Σ ρᵀWψ)² / Σ ψᵀWψ,    sums over all cycles after θ + d near the signal,
 
-of ρ's squares; for a released load, over those before. W weights by the unmodelled torque, a tenth
+of ρ's squares; for a released load, over cycles before. W weights by unmodelled torque, a tenth
 of a second as one measurement, so G is twice a log likelihood. Signals of one kind are summed: the
 largest G gives d, and its difference to G(0) the evidence.
 """

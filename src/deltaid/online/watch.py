@@ -53,7 +53,7 @@ class Watched:
         cycles: number of cycles.
         bad: number of cycles that were not used.
         rate: of cycles [Hz].
-        told: whether there is a gripper's signal.
+        told: whether the gripper's signal is known.
         false_alarms: accepted rate [1/h].
         loads, touches, friction: detected loads and contacts, followed friction.
         best, worst: smallest force on the platform that is detected in 95 % of cases [N], the
@@ -159,7 +159,7 @@ def watch(
 def _thinned(
     online: Online, time: Float[np.ndarray, " rows"], found: OnlineEstimate, every: int, told: bool
 ) -> pl.DataFrame:
-    """Every n-th cycle; contacts are those of the largest residual since the previous row."""
+    """Every n-th cycle; contacts are taken at the largest residual since the previous row."""
     out, size, count = found.outputs, found.outputs["contact_size"][:, 0], len(time)
     ends = np.minimum(np.arange(every - 1, max(count, every), every), count - 1)
     spans = zip([0, *(ends[:-1] + 1)], ends, strict=True)
