@@ -143,7 +143,7 @@ class Sorted:
 
     Attributes:
         freedom: of each robot's noise.
-        rows: with robots that belong marked; after those of robots, rows that always belong.
+        rows: of all robots, which mark the ones that belong, then rows that always belong.
         spreads, mean: of robots that belong.
         chances: p-value of each robot.
     """

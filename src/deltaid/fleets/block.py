@@ -43,7 +43,7 @@ class RecordingBlock:
         keys: of its recordings, ascending; they determine the order of merging.
         briefs, friction: of each recording.
         counts: number of recordings in each group.
-        whole, groups, places: triangles of [Y, τ] over each drive's independent columns; those of
+        whole, groups, places: triangles of [Y, τ] over each drive's independent columns;
             groups and places, which only determine uncertainty, keep seven digits.
         geometry: triangles of [Y, D, τ], one group; none without tolerances.
         quantities: names of the columns D.

@@ -23,7 +23,7 @@ can. Each recording counts as at least a month, the first eleven as at most a ye
 no more false alarms in these than in a year.
 
 **Drives of a robot** are similar and share their surroundings: temperature dependence and daily
-scatter of friction are nearly the same, so those of the others are the prior of a drive.
+scatter of friction are nearly the same, so the other drives determine the prior of a drive.
 Coefficients of a drifting drive are averaged over models with and without a change.
 
 **Scatter** from day to day is AR(1) noise plus white noise: the residual of y_t after all
@@ -256,7 +256,7 @@ class ChangeEvidence:
 
     @property
     def of_changes(self) -> Float[np.ndarray, "2 kinds series alternatives"]:
-        """Probability of each change, given that there is one."""
+        """Probability of each change, given that one exists."""
         log = self.log_factor + self.log_none[None, :, :, None]
         return np.exp(log - logsumexp(log, axis=(0, 1, 3), keepdims=True))
 

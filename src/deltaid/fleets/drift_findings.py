@@ -82,7 +82,7 @@ class DriftFinding:
     """The finding on one drive.
 
     Attributes:
-        change: day of the change, if there is one.
+        change: day of the change, if any.
         rate: of friction, as a share per month.
         step: of friction, as a share.
         horizon: day on which the limit is reached, if known and near.

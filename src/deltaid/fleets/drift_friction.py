@@ -54,7 +54,7 @@ class FrictionUnknowns:
 
     @cached_property
     def is_carrier(self) -> Bool[np.ndarray, " unknowns"]:
-        """Unknowns that change the body at the platform, whose own parameters are fixed."""
+        """Mask of unknowns that change the body at the platform, whose parameters are fixed."""
         return np.array([name.startswith("held.") for name in self.names])
 
 
@@ -141,7 +141,7 @@ def friction_series(files: Sequence[FactorFile], model: IdentifiedModel) -> Fric
 
     Args:
         files: of one robot, each recording once.
-        model: of the robot from all of them, or from those that it is compared with.
+        model: of the robot from all of them, or from the recordings to compare with.
 
     Raises:
         RecordingError: files do not match each other or the model.

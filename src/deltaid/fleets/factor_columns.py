@@ -2,7 +2,7 @@
 
 - Rigid bodies, rotors, springs: the representatives of the base parameters of a generic motion.
   All their other columns are combinations of these by the mechanism alone.
-- Friction, by splines over speed: that of a joint is sign(v) φ(|v|), φ a sum of terms. A cubic
+- Friction, by splines over speed: sign(v) φ(|v|) in a joint, φ a sum of terms. A cubic
   spline through knots v_k on the axis of speed follows every usual φ, φ(|v|) ≈ Σ_k φ(v_k) s_k(|v|),
   with cardinal splines s_k that are one at their knot and zero at all others. Columns of any law
   and its constants are combinations of sign(v) s_k(|v|); viscous and Coulomb friction are exact. A
@@ -159,7 +159,7 @@ class GatheredColumns:
         p: Float[np.ndarray, " parameters"],
         others: Sequence[Addition] = (),
     ) -> "GatheredColumns":
-        """Columns of a robot; p is that of the plain robot, for the gears' load."""
+        """Columns of a robot; p are parameters of the plain robot, for the gears' load."""
         dynamics = compiled(plain(robot))
         speeds = (
             SpeedColumns(dynamics, joint, _reference_speed(dynamics.robot, joint))
@@ -196,7 +196,7 @@ class GatheredColumns:
 
     @cached_property
     def felt(self) -> tuple[Int[np.ndarray, " _"], ...]:
-        """Indices of each drive's columns among those of a file."""
+        """Indices of each drive's columns among the columns of a file."""
         drives, entries = self.regressor.regressor_pattern
         return tuple(
             np.flatnonzero(np.isin(self.kept, entries[drives == i]))

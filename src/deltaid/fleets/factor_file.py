@@ -76,7 +76,7 @@ _SAME = 0.02
 class FactorFile:
     record: FactorRecord
     whole: FactorGroups  # one group: all samples
-    groups: FactorGroups  # the same in stretches of time, then by place
+    groups: FactorGroups  # stretches of time, then places
     # one group: some samples, with the effects of the description's tolerances before τ, if any
     geometry: FactorGroups | None = None
     path: str = ""  # of the file; empty if it is not written yet
@@ -213,7 +213,7 @@ def require_alike(files: Sequence[FactorFile], robot: RobotDescription) -> None:
     """Refuse files that cannot be merged.
 
     Raises:
-        RecordingError: there are none; or one differs in mechanism from the robot, in filter from
+        RecordingError: no file is given; or one differs in mechanism from the robot, in filter from
             the first, or repeats a recording.
     """
     if not files:

@@ -131,7 +131,7 @@ def gather_into(
 
 
 def gathered_columns(problem: FittedProblem, recording: PreparedRecording) -> GatheredColumns:
-    """The columns of a recording that was fitted alone; those of lags are slopes of the fitted
+    """The columns of a recording that was fitted alone; columns of lags are slopes of the fitted
     torques."""
     extra = tuple(added for added in problem.additions if isinstance(added, LoadColumns | Warmth))
     columns = GatheredColumns.for_robot(problem.dynamics.robot, _plain_values(problem), extra)

@@ -81,7 +81,7 @@ def validate_gathered(model: ModelLike, file: FactorFile) -> TorqueError:
 
     Raises:
         RecordingError: the file is of another mechanism than the model, or holds a load that the
-            model does not know.
+            model lacks.
     """
     identified = load(model)
     require_alike([file], identified.robot)
@@ -117,7 +117,7 @@ def _torque_errors(
 
 
 def _verdicts(briefs: Sequence[RecordingBrief]) -> list[Verdict]:
-    """Verdicts on recordings, each with its subject; for several recordings without those on
+    """Verdicts on recordings, each with its subject; for several recordings without verdicts on
     information, which they determine together."""
     if len(briefs) == 1:
         return list(briefs[0].verdicts)

@@ -117,10 +117,10 @@ class Merging:
 
     Columns L of one recording alone, its lags and changes of its friction, are eliminated: rows are
     [Y, τ] − L B, with B from least squares over the whole recording and the prior of its lags. The
-    torques of loads are restored, and those of the fit's loads subtracted.
+    torques of loads are restored, and torques of the fit's loads subtracted.
     """
 
-    columns: GatheredColumns  # of all recordings, without those of one recording alone
+    columns: GatheredColumns  # of all recordings, without columns of one alone
     dynamics: Dynamics  # of the robot that is fitted
     additions: tuple[Addition, ...] = ()  # of all recordings
 

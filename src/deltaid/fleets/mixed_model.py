@@ -178,7 +178,7 @@ class Spreads:
         at: index of the kind of each entry of u; −1 without a spread.
         log: logarithms of the most likely spreads.
         covariance: of these logarithms.
-        known: whether there are enough robots to determine them.
+        known: whether the robots are enough to determine them.
         there: kinds whose spread is significant.
     """
 

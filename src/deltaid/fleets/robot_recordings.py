@@ -42,7 +42,7 @@ class RobotRecordings:
     Attributes:
         merging: of the recordings, with the friction laws to fit.
         block: of all recordings.
-        stretches: of each recording, if there are few.
+        stretches: of each recording, if they are few.
     """
 
     merging: Merging

@@ -80,7 +80,7 @@ class FleetRun(Shown, Tabled):
 
     @property
     def site(self) -> str:
-        """The first page of the site, relative to the folder; empty if there is none."""
+        """The first page of the site, relative to the folder; empty without a site."""
         return f"{SITE}/index.html" if any(outcome.file for outcome in self.outcomes) else ""
 
 

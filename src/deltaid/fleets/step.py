@@ -40,7 +40,7 @@ _Result = TypeVar("_Result")
 
 
 def tables_of(place: Place, schemas: Mapping[str, Mapping[str, Any]]) -> Tables:
-    """Tables of earlier calls; those of another version are made again, except the recordings'.
+    """Tables of earlier calls; tables of another version are made again, except of recordings.
 
     Args:
         schemas: columns of tables, by name.
@@ -184,7 +184,7 @@ class FleetJob:
     drift: DriftSettings = field(default_factory=DriftSettings)
 
     def journal(self, table: str) -> str:
-        """Journal of one of its tables until those of the fleet are written."""
+        """Journal of one of its tables until the fleet's tables are written."""
         return f"{JOURNAL}/{self.key}-{table}.parquet"
 
 

@@ -109,7 +109,7 @@ def local_file(path: str, stamp: str = "") -> Generator[Path]:
         stamp: required stamp, if given.
 
     Raises:
-        StoreError: the store cannot be reached, has no such file, or the file changes.
+        StoreError: the store cannot be reached, or the file is missing or changes.
     """
     if not is_address(path):
         _require_stamp(path, stamp, stamp and stamp_of(path))
@@ -252,7 +252,7 @@ def _asked(ask: Callable[[], _Result], path: str) -> _Result:
     """Result of a request, repeated on failure.
 
     Raises:
-        FileNotFoundError: there is no such file.
+        FileNotFoundError: the file is missing.
         StoreError: all attempts fail; with the store's message.
     """
     for k in range(_TRIES):

@@ -77,7 +77,7 @@ def _sorted(coordinates: Coordinates, members: Sequence[TypeMember]) -> Sorted:
 
 
 def _reasons(sorting: Sorted) -> tuple[Sorted, list[str]]:
-    """Reasons why robots do not belong, and deviating friction of those that do."""
+    """Reasons why robots do not belong, and deviating friction of robots that do."""
     coordinates, rows, m = sorting.coordinates, sorting.rows, sorting.mean.m
     extra, reasons = rows.extra.copy(), list[str]()
     now, count = replace(sorting, rows=replace(rows, extra=extra)), len(sorting.freedom)
