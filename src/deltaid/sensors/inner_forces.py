@@ -59,7 +59,8 @@ class StrutForceRows(SensorRows):
 
     @property
     def moving(self) -> tuple[PriorParameter, ...]:
-        """Mass and first moment of one strut beyond the cut, a priori of half a uniform strut."""
+        """Mass and first moment of one strut beyond the cut; priors are those of a uniform strut's
+        outer half."""
         if self.sensor.at != "middle":
             return ()
         m = self.dynamics.robot.bodies[self._body.name].prior_parameters()[0]

@@ -169,7 +169,7 @@ class SensorRows(ABC):
         return np.linalg.solve(np.eye(len(free)) - self._feedback(values), free)
 
     def _sum(self, columns: np.ndarray, values: np.ndarray, shown: Shown) -> Shown:
-        """[C, D(shown)] values."""
+        """Product of [C, D(shown)] and the values."""
         total = np.zeros_like(shown)
         rows, places = self.pattern
         np.add.at(total, rows, self._entries(columns, shown) * values[places][:, None])
