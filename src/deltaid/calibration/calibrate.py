@@ -60,7 +60,7 @@ class Calibration(Shown, Plotted, Tabled, Reported):
         described, robot: the given description, and the same with the estimated geometry and its
             tolerances.
         lost, left: kinds of numbers that `robot`, `zeros` and `scales` cannot hold, in words, and
-            the position error by losing them, root mean square [m].
+            the position error without them, root mean square [m].
         zeros: by rotary drive, how much its coordinate exceeds the recorded one [rad]; zeros of
             rails are in `robot`.
         scales: by drive, the share by which its motion exceeds the recorded one.
