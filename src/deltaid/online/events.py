@@ -114,7 +114,7 @@ class Loads:
         self._known = self._last
 
     def add(self, time: Times, found: OnlineEstimate) -> None:
-        """Add consecutive cycles."""
+        """Add the estimates of consecutive cycles."""
         begin = 0
         for k in np.flatnonzero(found.changed).tolist():
             self._hold(time, found, slice(begin, k))
@@ -170,7 +170,7 @@ class Touches:
         self._most: tuple[float, np.ndarray, np.ndarray] | None = None
 
     def add(self, time: Times, found: OnlineEstimate) -> None:
-        """Add consecutive cycles."""
+        """Add the estimates of consecutive cycles."""
         out = found.outputs
         for k in np.flatnonzero(out["contact"][:, 0] > 0.5):
             instant, size = float(time[k]), float(out["contact_size"][k, 0])

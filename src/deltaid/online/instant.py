@@ -130,7 +130,7 @@ def line(
     Args:
         inputs, u: layout and symbols.
         waits: delay of each number, in cycles.
-        goes_on: 1 where the previous cycle was good; if not, the robot is assumed not to have moved.
+        goes_on: 1 where the previous cycle was good; if not, the robot is assumed to have rested.
         finite: 1 where all inputs are finite; if not, zeros are kept, and `goes_on` has to be 0 in
             the next cycle.
     """

@@ -78,7 +78,7 @@ class GripTiming:
         lifted: Float[np.ndarray, "rows drives"],
         lacking: Float[np.ndarray, "rows drives"],
     ) -> None:
-        """Add consecutive cycles.
+        """Add consecutive cycles to the sums.
 
         Args:
             told: the gripper's signal.
@@ -195,7 +195,7 @@ class Suspicion:
         self._stuck, self._stuck_at = np.zeros((2, len(ends)))
 
     def add(self, rows: Cycles, found: OnlineEstimate) -> None:
-        """Add consecutive cycles."""
+        """Add consecutive cycles to the sums."""
         out = found.outputs
         if rows.begins:
             self._timing.broken()
