@@ -114,7 +114,7 @@ class Coordinates:
 
     @cached_property
     def to_p(self) -> Float[np.ndarray, "parameters u"]:
-        """∂p/∂u."""
+        """Slopes ∂p/∂u of the parameters."""
         return np.pad(self.reduction.A * self.sizes, ((0, 0), (0, len(self.quantities))))
 
     @cached_property

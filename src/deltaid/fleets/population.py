@@ -4,8 +4,8 @@ The description has priors of bodies and their spreads. Variables have the preci
 correlated: a sum may be known far better than its terms. Independent priors of entries r_jᵀx with
 standard deviations 1/√w_j have the precision Σ_j w_j r_j r_jᵀ. With the marginal precisions of Q, a
 sum that robots determine would count again with every robot. So the result is the narrowest set of
-priors whose precision does not exceed Q in any direction: the w with the largest Σ log w_j and
-Q − Σ_j w_j r_j r_jᵀ ⪰ 0, by a barrier method with Newton steps.
+priors whose precision does not exceed Q in any direction: the w with the largest Σ log w_j and Q −
+Σ_j w_j r_j r_jᵀ ⪰ 0, by a barrier method with Newton steps.
 """
 
 from dataclasses import dataclass
@@ -120,7 +120,7 @@ class Population:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks, in words."""
+        """Remarks on the fit, in words."""
         left = len(self.moved) - FEW
         moved = ", ".join(self.moved[:FEW]) + f" and {left} more" * (left > 0)
         notes = (
