@@ -239,7 +239,7 @@ def _reading_hypotheses(instrument: Instrument, x: Tools, allowed: float) -> Hyp
 
 
 def _frame_hypotheses(instrument: PointReadings, x: Tools, allowed: float) -> Hypotheses:
-    """Yield the hypothesis that the frame jumps once, with enough rows for a frame on both sides."""
+    """Yield the hypothesis that the frame jumps once, with rows for a frame on both sides."""
     count, fewest = len(x), len(instrument.unknowns)
     if not 2 * fewest <= count <= _ORDERED:
         return

@@ -229,7 +229,7 @@ class ChangeEvidence:
         log_none: log evidence of no change with each kind of scatter, prior included.
         log_factor: log Bayes factor of each change, up and down, prior included.
         size: expected size of each change, for either sign.
-        deviation: of it.
+        deviation: standard deviation of the size.
         freedom: degrees of freedom of its Student distribution.
         plain: coefficients b without a change.
         per_size: their decrease for a change of size 1.

@@ -249,7 +249,7 @@ def _gathered_now(job: GatherJob) -> FactorFile:
                 return gathered(
                     how.robot, path, columns=how.mapping, settings=how.settings, force=how.force
                 )
-            except RecordingError as error:  # names the local copy instead of the user's file
+            except RecordingError as error:  # its place is the local copy, not the user's file
                 raise RecordingError(
                     error.what, where=error.where.replace(str(path), recorded.path), cure=error.cure
                 ) from None

@@ -59,7 +59,7 @@ class RecordedFile(Part):
             if isinstance(time, str):
                 time = datetime.fromisoformat(time)
                 if time.tzinfo is not None:
-                    time.astimezone(UTC)  # fails on the first and last days of all
+                    time.astimezone(UTC)  # fails near the first and last possible dates
             return time
         except (ValueError, OverflowError):
             raise ValueError(_TIMES.format(str(time))) from None
@@ -164,7 +164,7 @@ def beside(name: str, manifest: str) -> str:
         return name
     if is_address(manifest):
         return f"{manifest.rpartition('/')[0]}/{name}"
-    path = Path(os.path.expanduser(name))  # pathlib's own fails for an unknown user
+    path = Path(os.path.expanduser(name))  # Path.expanduser raises for an unknown user
     return str(path if path.is_absolute() else Path(manifest).parent.resolve() / path)
 
 

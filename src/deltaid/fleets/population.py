@@ -2,10 +2,10 @@
 
 The description has priors of bodies and their spreads. Variables have the precision Q and are
 correlated: a sum may be known far better than its terms. Independent priors of entries r_jᵀx with
-standard deviations 1/√w_j have the precision Σ_j w_j r_j r_jᵀ. With the marginal precisions of Q, a
-sum that robots determine would count again with every robot. So the result is the narrowest set of
-priors whose precision does not exceed Q in any direction: the w with the largest Σ log w_j and Q −
-Σ_j w_j r_j r_jᵀ ⪰ 0, by a barrier method with Newton steps.
+standard deviations 1/√w_j have the precision Σ_j w_j r_j r_jᵀ. Marginal precisions of
+entries exceed Q in uncertain directions. So the result is the narrowest set of priors whose
+precision exceeds Q in no direction: the w with the largest Σ log w_j and
+Q − Σ_j w_j r_j r_jᵀ ⪰ 0, by a barrier method with Newton steps.
 """
 
 from dataclasses import dataclass

@@ -81,7 +81,7 @@ class Onset(NamedTuple):
         return self.evidence / (self.information + 1.0)
 
     def candidate(self, j: int) -> "Onset":
-        """Onset j of the several ones."""
+        """Onset j of all candidates."""
         return Onset(*(part[:, j] for part in self))
 
 
@@ -156,7 +156,7 @@ class Onsets:
     def follow(
         self, fields: CycleFields, change: "Change", closes: ca.SX, once: ca.SX, twice: ca.SX
     ) -> None:
-        """Set the following state.
+        """Set the state of the next cycle.
 
         An expired onset begins anew. While the onset is undecided, it begins with the column for no
         change. The gripper's signal ends all onsets.
@@ -226,7 +226,7 @@ def judge_change(
     more = every(silent, score > settings.alarm, size > least)
     less = every(silent, score < -settings.alarm, size < -least, held)
     alerted = ca.if_else(ca.logic_or(more, less), alert + settings.period, 0)
-    sure = alerted > 1 / settings.corner  # one time constant: the filter does not show all at first
+    sure = alerted > 1 / settings.corner  # one time constant, until the filter has responded
     more, less = ca.logic_and(more, sure), ca.logic_and(less, sure)
     small = ca.logic_and(mass < 2 * spread, mass + 2 * spread < ca.fmax(least, _SMALL))
     nothing = every(held, silent, small)

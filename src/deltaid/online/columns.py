@@ -76,7 +76,7 @@ def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Do
 
 
 def _position_noise(log: Log, dof: int) -> Float[np.ndarray, " drives"]:
-    """Noise of positions in rows as replayed: steps of stale rows, which are bridged, are none."""
+    """Noise of positions in rows as replayed, in which stale rows are bridged."""
     if all(mask.reason != "stale rows" for mask in log.masks):
         return log.position_noise[:dof]
     return spectrum_of(_first(log)[:, 1 : 1 + dof]).noise

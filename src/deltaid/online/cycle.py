@@ -52,7 +52,7 @@ def step_graph(
     more: Sequence[MorePart] = (),
     known: OnlineKnowledge | None = None,
 ) -> StepGraph:
-    """One cycle: state and inputs to next state and outputs.
+    """Graph of one cycle, from state and inputs to next state and outputs.
 
     Args:
         more: additional parts, last in the state and in the outputs.

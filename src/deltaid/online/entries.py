@@ -56,7 +56,7 @@ class LoadEntries:
         return [layout.body(self.body).start + k for k in self.shown]
 
     def scales(self, mass: float, extent: float) -> tuple[float, ...]:
-        """Sizes of the entries for a load of this mass [kg] that reaches so far [m]."""
+        """Sizes of the entries for a load of this mass [kg] and extent [m]."""
         return tuple(mass * extent ** ((k > 0) + (k > 3)) for k in self.shown)
 
     def consistent(self, x: ca.SX, P: ca.SX, scales: tuple[float, ...], extent: float) -> ca.SX:

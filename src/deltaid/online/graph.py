@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 @dataclass(frozen=True)
 class Field:
-    """Numbers that belong together.
+    """A named field of numbers.
 
     Attributes:
         name: an identifier of C and of structured text.

@@ -12,7 +12,7 @@ estimate x ± √P of a load that is taken at the signal, the mass and its likel
 with F of the mass itself, and π Laplace's density about the signal plus a weight at the signal.
 The mass of a released load is known. Torques before the signal may also be a push of any size.
 Until the time is decided, outputs follow from the mixture. Once the spread of times is within a
-step, or the load can hardly come any more, the mean of the mixture becomes the estimate.
+step, or the load has hardly a chance to come, the mean of the mixture becomes the estimate.
 """
 
 from dataclasses import dataclass
@@ -68,7 +68,7 @@ class Grip:
 def follow_grip(
     fields: CycleFields, grip: Grip, load: ca.SX, change: Change, period: float
 ) -> None:
-    """Set the following state.
+    """Set the state of the next cycle.
 
     Args:
         load: its entries in the estimates before the change.

@@ -154,8 +154,8 @@ class Online(Named):
     """Estimator of load, friction and contact that runs with a controller.
 
     Args:
-        model: a robot with its parameters; best an identified model, whose intervals then enter
-            those of the load.
+        model: a robot with its parameters; best an identified model, because its intervals
+            enter the load's.
         settings: of the estimator; or `rate` alone.
         rate: cycles per second [Hz], in place of the settings' (`OnlineSettings.at_rate`).
         more: additional parts of the cycle. Contact is added if the model is identified; without

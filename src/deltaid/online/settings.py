@@ -1,7 +1,7 @@
 """Settings of online estimation, and a model's uncertainty in the few directions that matter.
 
-Uncertain are the coefficients of the drives' friction, each by itself, because they change; and of
-all other parameters the few directions of p that make most of the torque's uncertainty. With p's
+Uncertain are the coefficients of the drives' friction, each by itself, because they change, and a
+few directions of all other parameters p that make most of the torque's uncertainty. With p's
 covariance R Rᵀ and torques Y p along a typical motion, weighted by the noise, these are the leading
 singular vectors of Y R, and the mass of the body that carries the load, a tare. So a model's error
 is a constant that is estimated together with the load, and does not average out like noise.
@@ -58,7 +58,7 @@ class OnlineSettings:
         body: that carries loads; None for EE, or P where there is no EE.
         grip_time: from the gripper's signal until a load is held, or released [s].
         noise: standard deviation of one cycle's torque, drive by drive, on the joint's side
-            [N m or N]; None for the identification's residual, or 2 % of a drive's torque without.
+            [N m or N]; None for the identification's residual, else 2 % of a drive's torque.
         unmodelled: initial standard deviation of unmodelled torques that last some hundredths of a
             second, drive by drive, in motion [N m or N]; learnt from there. None for the
             identification's residual.
@@ -70,8 +70,8 @@ class OnlineSettings:
             learn it while the drives move (`online.cycle`).
         alarm: score of a change of load that is detected, in standard deviations.
         delay: lag of reported torques behind their motion, drive by drive or one for all [s],
-            negative if early; None for the identification's, 0 for none. All estimates are as late
-            as the largest.
+            negative if early; None for the identification's, 0 for none. All estimates are
+            delayed by the largest lag.
         torque_ends: reported torque, drive by drive, at which the channel saturates; None if it
             does not [N m or N].
     """

@@ -40,7 +40,7 @@ _GRID = STEP * np.arange(-round(SOON / STEP), round(SOON / STEP) + 1)
 
 @dataclass(frozen=True)
 class Offset:
-    """Lead of signals of one kind.
+    """Time from signals of one kind to their loads.
 
     Attributes:
         low, high: time from the signal until the load is held, or released [s], as a range: while a
@@ -151,7 +151,8 @@ class RunEvidence:
         gain: measured torque of each drive over the model's; NaN if the robot was never empty.
         deviation: standard deviation of it.
         touched, untouched: seconds with and without a contact.
-        touched_empty, empty: seconds with a contact, and all, while the gripper signalled empty.
+        touched_empty, empty: seconds with a contact, and in total, while the gripper signalled
+            empty.
         told: all values of the gripper's signal.
         taken, left: lead of the gripper's signals when loads are taken and released.
         stuck: longest time of a constant torque of each moving drive [s].
