@@ -64,7 +64,7 @@ class MemberEstimate:
     """One robot within its type.
 
     Attributes:
-        within: its parameters given all robots; for an outlier, from its own recordings alone.
+        within: its parameters given all robots; for an outlier, given itself and the description.
         alone_std: standard deviations from its own recordings and the description.
         reason: its difference from the others; empty without a significant one.
         chance: p-value of its distance from the others.

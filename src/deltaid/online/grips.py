@@ -30,9 +30,10 @@ from deltaid.online.settings import SOON
 # Typical error of a signal [s]; prior weight of a signal without error, relative to one of the
 # other candidate times.
 _TYPICAL, _IN_TIME = 0.05, 3.0
-# Time since the load surely came, after which its time may be decided [s].
+# Time after the signal and after the load surely came, from which the load's time is decided [s].
 _AFTER = 0.04
-# Time after which the mixture is used if the load surely came at an undetermined time [s].
+# Time after the signal from which the mixture is used if the load surely came at an undetermined
+# time [s].
 _SETTLED = 0.1
 # Least share of a load released before the signal that estimates contain, and relative deviation of
 # its mass.

@@ -10,9 +10,9 @@ A repeated or impossible row is skipped: the motion continues with the same acce
 3 q₁ − 3 q₂ + q₃, and with the previous torques. The deviation of the next row from this motion,
 over a period, counts as noise of speeds for as long as filters remember it; so does noise that the
 parabola amplifies. Without stamps, a row that repeats the previous one bit for bit is not new, if
-few rows repeat. A row is impossible if its torque exceeds ten times the largest or the limit of a
-drive, or if its position needs such a torque in all drives at once. If this lasts for 20 ms,
-filters begin anew with the present rows.
+few rows repeat. A row is impossible if its torque exceeds ten times a drive's largest torque or
+limit, whichever is more, or if its position needs such a torque in all drives at once. If this
+lasts for 20 ms, filters begin anew with the present rows.
 
 If torques are late or early against their motion, signals are delayed. A torque that is reported
 δ_i late, τ_reported,i(t) = τ_i(t − δ_i), belongs to the motion δ_i ago. So a cycle uses the motion

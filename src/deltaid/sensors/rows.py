@@ -243,7 +243,7 @@ def wide_force(dynamics: Dynamics) -> float:
 
 
 def wide_moment(dynamics: Dynamics, about: Float[np.ndarray, " 3"]) -> float:
-    """Deviation of an unknown offset of a moment [N m]: that force at the farthest body's lever."""
+    """Standard deviation of an unknown moment offset [N m]: `wide_force` at the farthest body."""
     mechanism = dynamics.kinematics.mechanism
     origins = [ca.DM(body.R_WL) @ body.origin.at for body in mechanism.bodies]
     places = ca.Function("origins", [mechanism.z], [ca.horzcat(*origins)])
