@@ -1,8 +1,8 @@
-"""A checksum within a file: SHA-256 of all its bytes, where its own digits count as zeros.
+"""A checksum within a file: SHA-256 of all its bytes, with the checksum's own digits as zeros.
 
-One text of fixed length, `EMPTY`, stands anywhere in the file, where its format holds a text as it
-is: in the metadata of Parquet, in the comment of a zip archive, in a comment of YAML. So a file is
-known to be whole before anything of it is interpreted.
+A text of fixed length, `EMPTY`, is part of the file wherever its format keeps text verbatim: in the
+metadata of Parquet, the comment of a zip archive, a comment of YAML. So a file is verified before
+any of it is interpreted.
 """
 
 import hashlib
@@ -19,13 +19,13 @@ EMPTY = (_NAME + b"0" * 64).decode()
 
 
 def sealed(data: bytes) -> bytes:
-    """The same bytes with their checksum in the place of `EMPTY`, which they hold once."""
+    """The same bytes with their checksum in place of `EMPTY`, which must occur exactly once."""
     assert data.count(EMPTY.encode()) == 1
     return data.replace(EMPTY.encode(), _NAME + hashlib.sha256(data).hexdigest().encode())
 
 
 def is_intact(data: bytes) -> bool | None:
-    """Whether a file is as it was sealed; None where it holds no checksum."""
+    """Whether a file is as it was sealed; None if it has no checksum."""
     places = list(_PLACE.finditer(data))
     if len(places) != 1:
         return None
@@ -35,7 +35,7 @@ def is_intact(data: bytes) -> bool | None:
 
 
 def require_intact(data: bytes, where: str, error: type[DeltaidError], cure: str) -> None:
-    """Refuse a file that is not as it was sealed, or that was never.
+    """Refuse a file that has changed since it was sealed, or that was never sealed.
 
     Raises:
         DeltaidError: of the given kind.
@@ -52,7 +52,7 @@ def require_intact(data: bytes, where: str, error: type[DeltaidError], cure: str
 
 
 def sealed_archive(**arrays: Any) -> bytes:
-    """Arrays as `numpy.load` opens them, with their checksum as the archive's comment."""
+    """The bytes of an .npz file of these arrays, with their checksum as the archive's comment."""
     import numpy as np
 
     file = BytesIO()

@@ -1,4 +1,4 @@
-"""The package's own errors and warnings: what is wrong, where, why, and how to mend it."""
+"""The package's own errors and warnings: what is wrong, where, why, and the fix."""
 
 import difflib
 import linecache
@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 
 _Settings = TypeVar("_Settings")
 
-# Spaces that do not break a line: plain, narrow, thin.
+# Spaces that do not break a line: no-break, narrow, thin.
 _SPACES = "\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}\N{THIN SPACE}"
-# Most names that a message lists.
+# Largest number of names in a message; more would hide its point.
 _LISTED = 12
-# Most characters that a message quotes of one name or value of a file.
+# Largest number of characters quoted from one name or value of a file, to keep messages short.
 _QUOTED = 200
 _LONG_WORD = re.compile(rf"\S{{{_QUOTED + 1},}}")
 
@@ -25,13 +25,13 @@ class DeltaidError(Exception):
     """Base of every error a user can cause.
 
     Args:
-        what: what is wrong, one sentence.
-        where: file, row, column or key; empty when there is no such place.
-        cure: how to mend it; empty when the message says it already.
+        what: one sentence on what is wrong.
+        where: file, row, column or key; empty if there is no such place.
+        cure: the fix; empty if `what` already says it.
     """
 
     def __init__(self, what: str, *, where: str = "", cure: str = "") -> None:
-        # Whatever stands in a file, a message stays one.
+        # Names and values from files may be of any length.
         what, cure = shortened(what), shortened(cure)
         self.what, self.where, self.cure = what, where, cure
         super().__init__(what, where, cure)
@@ -40,9 +40,9 @@ class DeltaidError(Exception):
         return partial(type(self), where=self.where, cure=self.cure), (self.what,)
 
     def _render_traceback_(self) -> list[str]:
-        """What IPython and Jupyter show: the line that was typed and the message.
+        """Lines that IPython and Jupyter show: the line that was typed, and the message.
 
-        Frames within the package say nothing to who can mend the input; `%debug` still has them.
+        Frames inside the package do not help to fix an input; `%debug` still shows them.
         """
         kind, typed = type(self).__name__, _typed(self.__traceback__)
         return [*([f"----> {typed}"] if typed else []), f"{kind}: {self}"]
@@ -54,7 +54,7 @@ class DeltaidError(Exception):
 
 
 def _typed(traceback: TracebackType | None) -> str:
-    """The last line on the way to an error that is not of this package."""
+    """The last line outside this package on the way to an error."""
     found = ""
     while traceback is not None:
         frame = traceback.tb_frame
@@ -66,15 +66,15 @@ def _typed(traceback: TracebackType | None) -> str:
 
 
 class UnknownNameError(DeltaidError, KeyError):
-    """There is nothing of that name; the message has the nearest one."""
+    """No such name exists; the message suggests the nearest one."""
 
 
 class UnknownFunctionError(DeltaidError, AttributeError):
-    """`deltaid` has nothing of that name; the message has the nearest one."""
+    """`deltaid` has no such name; the message suggests the nearest one."""
 
 
 class DescriptionError(DeltaidError):
-    """A robot description or a model file cannot be used as it stands."""
+    """A robot description or a model file is invalid."""
 
 
 class KinematicsError(DeltaidError):
@@ -82,29 +82,29 @@ class KinematicsError(DeltaidError):
 
 
 class RecordingError(DeltaidError):
-    """A log, or the mapping of its columns, cannot be used as it stands."""
+    """A log, or the mapping of its columns, is invalid."""
 
 
 class LostReadingError(RecordingError):
-    """A few rows of a log hold a number that no motion makes."""
+    """A few rows of a log hold a number that no motion produces."""
 
 
 class IdentificationError(DeltaidError):
-    """The identification cannot be posed, or a solver did not reach its end."""
+    """The identification problem is ill-posed, or a solver did not converge."""
 
 
 class UnsettledFrictionError(IdentificationError):
-    """Friction that depends on load changes from one round of the fit to the next."""
+    """Load-dependent friction does not settle: it changes from one round of the fit to the next."""
 
 
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """'did you mean P.m? ', or nothing where no known name is like it."""
+    """'did you mean P.m? ', or an empty text if no known name is close."""
     near = closest(name, known, cutoff)
     return f"did you mean {near}? " if near else ""
 
 
 def closest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """The known name that is most like another one, if only in other letters; empty if none is."""
+    """The known name that is closest to this one, ignoring case if needed; empty if none is."""
     names = list(known)
     near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
     if not near:
@@ -116,10 +116,10 @@ def closest(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
 def unknown(
     name: object, known: Iterable[str], what: str, where: str, *, also: str = ""
 ) -> UnknownNameError:
-    """An error that says which name is nearest, and some of those that there are.
+    """An error that suggests the nearest name and lists some known ones.
 
     Args:
-        also: the name that is meant, where that is known.
+        also: the name that is meant, if it is known.
     """
     names, text = list(known), quoted(str(name))
     hint = f"did you mean {also}? " if also else nearest(text, names)
@@ -132,10 +132,10 @@ def unknown(
 
 
 def with_options(settings: _Settings, options: Mapping[str, Any], where: str) -> _Settings:
-    """Settings of a dataclass with some of them given by name.
+    """The settings with some of their values replaced by name.
 
     Raises:
-        UnknownNameError: there is no such setting.
+        UnknownNameError: a setting does not exist.
     """
     for name in options:
         if name not in vars(settings):
@@ -144,10 +144,10 @@ def with_options(settings: _Settings, options: Mapping[str, Any], where: str) ->
 
 
 def typed(option: str, value: object, kinds: type | tuple[type, ...], what: str) -> None:
-    """Refuse a value of another type than a setting has; truth values are no numbers.
+    """Refuse a value of the wrong type; booleans do not count as numbers.
 
     Raises:
-        DeltaidError: the value of this option or setting is refused.
+        DeltaidError: the value has another type.
     """
     if not isinstance(value, kinds) or (isinstance(value, bool) and kinds is not bool):
         raise DeltaidError(f"must be {what}, not {quoted(repr(value))}", where=option)
@@ -156,10 +156,10 @@ def typed(option: str, value: object, kinds: type | tuple[type, ...], what: str)
 def positive(
     option: str, value: float | None, limits: tuple[float, float] = (0.0, math.inf)
 ) -> None:
-    """Refuse a value that is not a positive, finite number within limits; None stands for none.
+    """Refuse a value that is not a positive, finite number within limits; None is accepted.
 
     Raises:
-        DeltaidError: the value of this option or setting is refused.
+        DeltaidError: the value is not of this kind.
     """
     if value is None:
         return
@@ -170,10 +170,10 @@ def positive(
 
 
 def within(option: str, value: float, limits: tuple[float, float]) -> None:
-    """Refuse a value outside limits, or that is no number.
+    """Refuse a value that is no number or outside the limits.
 
     Raises:
-        DeltaidError: the value of this option or setting is refused.
+        DeltaidError: the value is not of this kind.
     """
     typed(option, value, Real, "a number")
     low, high = limits
@@ -182,43 +182,43 @@ def within(option: str, value: float, limits: tuple[float, float]) -> None:
 
 
 class Doubt(str):
-    """A warning: a sentence of what was seen, the likeliest cause and the next step.
+    """A warning: a sentence with the finding, the likeliest cause and the next step.
 
     Attributes:
-        key: of the verdict of `deltaid check` that looks at the same thing with more care, and
-            replaces this where there is one; empty if none does.
+        key: of the verdict of `deltaid check` that examines the same thing more closely, and
+            replaces this warning if it exists; empty if there is no such verdict.
     """
 
     key: str
 
     def __new__(cls, seen: str, *, cause: str, cure: str, key: str = "") -> "Doubt":
-        """One cause in words."""
+        """A warning with one likeliest cause."""
         made = super().__new__(cls, sentence(seen, cause, cure))
         made.key = key
         return made
 
 
 def sentence(seen: str, cause: str, cure: str) -> str:
-    """What was seen, with cause and next step where there are any."""
+    """The finding, with its cause and the next step, if any."""
     return seen + (f"; likeliest cause: {cause}" if cause else "") + (f"; {cure}" if cure else "")
 
 
 def quoted(text: str) -> str:
-    """What a file holds as messages quote it: shortened where it is long."""
+    """Text of a file as messages quote it, shortened if it is long."""
     return text if len(text) <= _QUOTED else f"{text[: _QUOTED - 1]}…"
 
 
 def shortened(text: str) -> str:
-    """A message of which every word is quoted that is too long to be one."""
+    """A message in which words that are too long are shortened."""
     return _LONG_WORD.sub(lambda word: quoted(word[0]), text)
 
 
 def visible(text: str, kept: str = "\n" + _SPACES) -> str:
-    """Text with a question mark for every character that would command a terminal or a printer.
+    """Text with a question mark in place of characters that could control a terminal or a printer.
 
-    Names in files may hold escape sequences, or signs that turn the direction of what follows.
+    Names in files may hold escape sequences, or characters that reverse the text direction.
 
     Args:
-        kept: characters that stay although they do not print; none in what has to be one line.
+        kept: unprintable characters that stay; pass none where the result must be one line.
     """
     return "".join(c if c.isprintable() or c in kept else "?" for c in text)

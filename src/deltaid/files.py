@@ -1,4 +1,4 @@
-"""Writing files: each whole or not at all, and several together or none of them."""
+"""Writing of files: each one whole or not at all, and several together or none."""
 
 import glob
 import os
@@ -16,30 +16,30 @@ from typing import Any, TextIO
 
 from deltaid.errors import DeltaidError
 
-# How names of descriptions, mappings and models end.
+# Endings of names of descriptions, mappings and models.
 YAML_ENDINGS = (".yaml", ".yml")
-# Names, as a pattern in small letters, that Windows keeps for devices.
+# Names that Windows reserves for devices, as a pattern in lower case.
 DEVICES = r"con|prn|aux|nul|com\d|lpt\d"
-# How names of files end that are being written.
+# Ending of the names of files that are being written.
 _UNFINISHED = ".part"
-# What a name that cannot be a file's is refused with: too long, a link to itself, a NUL.
+# Errors for names that no file can have: too long, a link to itself, a NUL.
 _NO_PLACE = (OSError, ValueError, RuntimeError)
 
 
-# A path as the user called it, where it leads, and the temporary file that is to take its place.
+# A path as the user gave it, the resolved path, and the temporary file that will replace it.
 _Finished = tuple[Path, Path, Path]
 _finished: ContextVar[list[_Finished] | None] = ContextVar("_finished", default=None)
 
 
 @contextmanager
 def together() -> Generator[None, None, None]:
-    """All files that are written inside appear at its end, or none of them.
+    """All files written inside the block appear at its end, or none of them.
 
-    They lie beside their places until all are complete; what is left then needs no space. Missing
-    folders are made at the end too. A block inside another one belongs to that.
+    Temporary files lie beside their targets, so the final renames need no space. Missing
+    folders are made at the end too. A nested block is a part of the outer one.
 
-    A signal that can be caught waits until all have their names. What ends the process at once in
-    that millisecond, SIGKILL or a power failure, leaves the first of them new and the others old.
+    Signals that can be caught wait until all files have their names. SIGKILL or a power failure
+    within that millisecond leaves the first of them new and the others old.
 
     Raises:
         DeltaidError: a folder cannot be made, or a place has been taken meanwhile.
@@ -60,7 +60,7 @@ def together() -> Generator[None, None, None]:
 
 @contextmanager
 def written_whole(path: Path) -> Generator[TextIO, None, None]:
-    """A text file that appears under its name only when everything has been written.
+    """A text file that appears under its name only when it is complete.
 
     Raises:
         DeltaidError: it cannot be written.
@@ -73,7 +73,7 @@ def written_whole(path: Path) -> Generator[TextIO, None, None]:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write bytes under a name all at once.
+    """Write bytes to a file, whole or not at all.
 
     Raises:
         DeltaidError: it cannot be written.
@@ -83,7 +83,7 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def require_writable(path: Path, inputs: Iterable[Path] = ()) -> None:
-    """Find out before a long computation whether its result can be written.
+    """Check before a long computation that its result can be written.
 
     Raises:
         DeltaidError: it cannot, or the file is one of the inputs, which are never overwritten.
@@ -98,7 +98,7 @@ def require_writable(path: Path, inputs: Iterable[Path] = ()) -> None:
 
 @contextmanager
 def _replacing(path: Path) -> Generator[int, None, None]:
-    """The handle of a temporary file that takes a path's place at the end."""
+    """The handle of a temporary file that replaces the one at this path when it is complete."""
     with together():
         target, handle, name = _begin(path)
         temporary, complete = Path(name), False
@@ -116,9 +116,9 @@ def _replacing(path: Path) -> Generator[int, None, None]:
 
 
 def _begin(path: Path) -> tuple[Path, int, str]:
-    """Where a path leads, and an open temporary file beside it, or where its folders will be."""
+    """The resolved path, and an open temporary file in its folder or the nearest existing one."""
     with _telling(path, _NO_PLACE):
-        target = path.resolve()  # a link stays a link
+        target = path.resolve()  # keeps a link, and replaces its target
         if target.is_dir():
             raise DeltaidError("is a folder; give the name of a file", where=str(path))
         if target.exists() and not target.is_file():
@@ -141,8 +141,8 @@ def _prefix(process: int) -> str:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove unfinished files and folders of processes of this machine that were killed."""
-    if sys.platform == "win32":  # where nobody can ask whether a process lives
+    """Remove unfinished files and folders that killed processes of this machine have left."""
+    if sys.platform == "win32":  # here Python cannot ask whether a process is alive
         return
     own = _prefix(0).removesuffix("0-")
     for path in folder.glob(f"{glob.escape(own)}*{_UNFINISHED}"):
@@ -154,7 +154,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 def _is_alive(process: int) -> bool:
     try:
-        with suppress(PermissionError, OverflowError):  # another account's
+        with suppress(PermissionError, OverflowError):  # of another account, but alive
             os.kill(process, 0)
     except ProcessLookupError:
         return False
@@ -163,10 +163,10 @@ def _is_alive(process: int) -> bool:
 
 @contextmanager
 def _signals_held() -> Generator[None, None, None]:
-    """What asks the process to end waits until the block is through.
+    """Hold back signals that end the process until the block has ended.
 
-    By handlers and not by a mask of the thread: the system may give a signal to any other thread,
-    and Python's own handlers run in this one all the same.
+    This uses handlers and not the thread's signal mask: the system may deliver a signal to any
+    other thread, and Python would still run its handler in this one.
     """
     held: list[int] = []
     before = dict[int, Any]()
@@ -185,7 +185,7 @@ def _signals_held() -> Generator[None, None, None]:
 
 
 def _appear(finished: list[_Finished]) -> None:
-    """Make the folders, then give all files their names."""
+    """Make missing folders, then give all files their names."""
     made: list[Path] = []
     try:
         for path, target, _ in finished:
@@ -199,7 +199,7 @@ def _appear(finished: list[_Finished]) -> None:
                 with _telling(path):
                     temporary.replace(target)
     except DeltaidError:
-        for folder in reversed(made):  # those that nothing has been put into
+        for folder in reversed(made):  # only the empty ones
             with suppress(OSError):
                 folder.rmdir()
         raise
@@ -209,7 +209,7 @@ def _appear(finished: list[_Finished]) -> None:
 def _telling(
     path: Path, kinds: tuple[type[Exception], ...] = (OSError,)
 ) -> Generator[None, None, None]:
-    """A failure inside says which path cannot be written, and why."""
+    """Turn a failure inside into an error that says which path cannot be written, and why."""
     try:
         yield
     except kinds as error:
@@ -228,10 +228,10 @@ def _umask() -> int:
 
 @contextmanager
 def new_folder(path: Path) -> Generator[Path, None, None]:
-    """A folder to fill, which appears under its name with all that is in it, or not at all.
+    """A folder to fill, which appears under its name with all its files, or not at all.
 
     Raises:
-        DeltaidError: there is such a file or folder, or it cannot be written.
+        DeltaidError: the name is taken, or the folder cannot be written.
     """
     target = _free_place(path)
     with _telling(path, _NO_PLACE):
@@ -251,10 +251,10 @@ def new_folder(path: Path) -> Generator[Path, None, None]:
 
 
 def require_new_folder(path: Path) -> None:
-    """Find out before a long computation whether a new folder can be made.
+    """Check before a long computation that a new folder can be made.
 
     Raises:
-        DeltaidError: it cannot, or there is one of that name.
+        DeltaidError: it cannot, or the name is taken.
     """
     target = _free_place(path)
     parent = next(folder for folder in target.parents if folder.exists())
@@ -267,10 +267,10 @@ def require_new_folder(path: Path) -> None:
 
 
 def resolved(path: Path) -> Path:
-    """Where a path leads.
+    """The path without links.
 
     Raises:
-        DeltaidError: nowhere: it holds a NUL, or a link to itself.
+        DeltaidError: it holds a NUL, or a link to itself.
     """
     with _telling(path, _NO_PLACE):
         return path.resolve()

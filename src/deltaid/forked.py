@@ -1,15 +1,15 @@
-"""A forked process has none of its parent's threads: polars would wait for them for ever."""
+"""Detection of forks that break polars: a forked process lacks its threads and waits forever."""
 
 import os
 import sys
 
-# Where Linux lists threads, and how names of polars' begin.
+# Linux's list of threads, and how the names of polars' threads begin.
 _TASKS, _OF_POLARS = "/proc/self/task", ("polars-0", "polars-1")
 _began = _lost = False
 
 
 def _before() -> None:
-    """Whether polars has begun threads; where no system lists them, whether it is loaded."""
+    """Record whether polars has started threads; without /proc, whether it is loaded."""
     global _began
     _began = "polars" in sys.modules
     if _began and os.path.isdir(_TASKS):
@@ -20,7 +20,7 @@ def _name(task: str) -> str:
     try:
         with open(f"{_TASKS}/{task}/comm") as file:
             return file.read()
-    except OSError:  # it has ended meanwhile
+    except OSError:  # the thread has ended meanwhile
         return ""
 
 
@@ -34,7 +34,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def require_threads() -> None:
-    """Refuse to read anything where it would never end.
+    """Refuse to use polars in a process where its calls would never return.
 
     Raises:
         DeltaidError: the process was forked from one that had used polars.

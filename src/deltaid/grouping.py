@@ -1,4 +1,4 @@
-"""Values in groups, by keys."""
+"""Grouping of values by keys."""
 
 from collections.abc import Hashable, Iterable
 from typing import TypeVar
@@ -8,7 +8,7 @@ _Value = TypeVar("_Value")
 
 
 def grouped(pairs: Iterable[tuple[_Key, _Value]]) -> dict[_Key, list[_Value]]:
-    """Values of each key of some pairs, keys and values in the order of the pairs."""
+    """Values by key; keys and values keep the order of the pairs."""
     groups = dict[_Key, list[_Value]]()
     for key, value in pairs:
         groups.setdefault(key, []).append(value)

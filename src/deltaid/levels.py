@@ -1,32 +1,32 @@
-"""Levels that all rooms share: what is settled, what is rounding, what chance hardly does."""
+"""Numerical levels shared by all rooms: convergence, rounding, and significance."""
 
-# Rounds of an iteration that is repeated until it settles, at most: those that converge do so long
-# before, and those that go to and fro are as good after so many as after more.
+# Largest number of rounds of an iteration until it settles: those that converge need far fewer, and
+# those that oscillate get no better with more.
 ROUNDS = 40
-# The same of sweeps over recordings, whose motion is evaluated anew in each.
+# Largest number of sweeps over recordings, each of which evaluates their motion anew.
 SWEEPS = 8
-# The same where a first answer is enough, or each round costs a fit.
+# Largest number of rounds where a rough answer is enough, or each round costs a fit.
 FEW_ROUNDS = 4
-# The change, as a share of what is iterated, below which it has settled: far below what a recording
-# determines.
+# Relative change below which an iteration has settled: far below what a recording determines.
 SETTLED = 1e-3
-# The same of steps that each cost a fit, in standard deviations of what is fitted.
+# The same for steps that each cost a fit, in standard deviations of the fitted values.
 NEAR = 0.2
-# The same of logarithms of noise levels and of scales of priors, which nobody needs to more digits.
+# The same for logarithms of noise levels and of prior scales, which need only two digits.
 LEVEL = 0.02
-# Shares that are nothing: of sums whose terms cancel, which leave 1e-15; of the largest singular
-# value or term, where what matters makes 1e-3; and of noise or a prior, far below any accuracy.
+# Relative sizes that count as zero: of sums whose terms cancel, with 1e-15 of rounding; of singular
+# values or terms as a share of the largest, where relevant ones exceed 1e-3; and of noise or a
+# prior, far below any accuracy.
 ROUNDING, NEGLIGIBLE, FAINT = 1e-12, 1e-9, 1e-6
-# Standard deviations: noise mostly stays below the first and seldom exceeds the second; beyond the
-# third, chance makes one of two million; beyond the fourth, noise of any colour is none.
+# Significance in standard deviations: noise mostly stays below the first and seldom exceeds the
+# second; white noise exceeds the third once in two million, and no noise reaches the fourth.
 LIKELY, SURE, CERTAIN, STRONG = 2.0, 3.0, 5.0, 6.0
-# Probabilities of what is not taken for chance: of one test, and of one of very many.
+# Probabilities below which chance is ruled out: for one test, and for very many.
 UNLIKELY, NEVER = 0.01, 1e-6
-# Shares of a value: what is less is nothing beside it, for no recording or description is better;
-# and what is known to less is as good as exact.
+# Shares of a value: a smaller part is negligible, for no recording or description is more accurate;
+# and a value with a smaller uncertainty counts as exact.
 HARDLY, EXACT = 1e-3, 1e-4
-# A prior that is so many times as wide as described or usual binds nothing; what is farther off is
-# another thing.
+# Factor on a described or usual prior width from which a prior has no effect; a value farther from
+# its prior than this is no plausible one.
 WIDER = 10.0
-# Standard gravity where none is stated [m/s²].
+# Standard gravity, unless the description states another value [m/s²].
 GRAVITY = 9.81

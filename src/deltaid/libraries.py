@@ -1,4 +1,4 @@
-"""Libraries that only some commands need, and that are extras."""
+"""Optional libraries that only some commands need."""
 
 from importlib.util import find_spec
 
@@ -6,16 +6,15 @@ from deltaid.errors import DeltaidError
 
 
 def require(module: str, *, by: str, name: str, install: str) -> None:
-    """Find out whether a library is there, without importing it.
+    """Check that a library is installed, without importing it.
 
     Args:
         module: its name in Python.
-        by: what needs it, a command or an option.
+        by: the command or option that needs it.
         name: its name in words.
-        install: what to call to have it.
-
+        install: the command that installs it.
     Raises:
-        DeltaidError: it is not installed.
+        DeltaidError: the library is not installed.
     """
     if find_spec(module) is None:
         raise DeltaidError(f"needs {name}, which is not installed", where=by, cure=install)

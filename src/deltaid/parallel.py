@@ -1,7 +1,7 @@
-"""Work shared among threads whose results come in the order of what goes in.
+"""Parallel work by threads, with results in the order of the items.
 
-So no bit of a result depends on how many threads there are. Threads are enough: kernels, LAPACK and
-NumPy let go of Python's lock while they compute.
+So results do not depend on the number of threads, to the bit. Threads suffice: kernels, LAPACK and
+NumPy release Python's lock while they compute.
 """
 
 import functools
@@ -21,26 +21,26 @@ _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 _limit: ContextVar[int | None] = ContextVar("threads", default=None)
-# What there is behind the last item.
+# Marks the end of the items.
 _END: Any = object()
 
 
 @functools.cache
 def _cores() -> int:
-    """Cores that this process may use; asking the system takes as long as a kernel's sample."""
+    """Cores that this process may use, cached: a query takes as long as a sample of a kernel."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def cores() -> int:
-    """Threads to share work among: one a core, and a single one where work is shared already."""
+    """Number of threads: one per core, or a single one inside work that is already shared."""
     return _limit.get() or _cores()
 
 
 @contextmanager
 def threads(count: int) -> Generator[None, None, None]:
-    """Share work among so many threads."""
+    """Limit the number of threads inside the block."""
     token = _limit.set(count)
     try:
         yield
@@ -49,13 +49,13 @@ def threads(count: int) -> Generator[None, None, None]:
 
 
 def ordered(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterator[_Result]:
-    """`work` done on every item, in order, by all threads, with few items in memory at a time.
+    """Results of `work` for every item, in order, computed by all threads with few items in memory.
 
-    Items are made one after the other, in a thread of their own, while the caller adds up results.
-    If making one fails, the results of those before it come first, so the error that is told does
-    not depend on threads either. The first item is worked on before there are threads, so that what
-    is compiled on first use is compiled once. BLAS keeps to the thread that calls it: on small
-    matrices more threads only wait.
+    A separate thread makes the items one after the other, while the caller consumes results. If
+    making an item fails, the results of all items before it come first, so the reported error does
+    not depend on threads. The first item is processed before any thread starts, so that code which
+    is compiled on first use is compiled once. BLAS uses the calling thread only: with small
+    matrices, more threads only wait.
     """
     source = iter(items)
     with get_cached_controller().limit(limits=1, user_api="blas"):
@@ -82,7 +82,7 @@ def _in_turn(
     source: Iterator[_Item],
     ahead: int,
 ) -> Iterator[_Result]:
-    """Results in order; the next item is made while those before it are worked on."""
+    """Results in order; the next item is made while earlier ones are processed."""
 
     def attempt(item: _Item | DeltaidError) -> _Result:
         if isinstance(item, DeltaidError):
@@ -102,7 +102,7 @@ def _in_turn(
 
 
 def _or_failure(source: Iterator[_Item]) -> Iterator[_Item | DeltaidError]:
-    """The items, and behind them the error by which making one fails."""
+    """The items, followed by the error if making one fails."""
     try:
         yield from source
     except DeltaidError as error:

@@ -1,4 +1,4 @@
-"""What long work is doing just now: in a terminal, in a notebook, or told to a function."""
+"""Progress of long work, shown in a terminal or a notebook, or reported to a function."""
 
 import html
 import re
@@ -9,7 +9,8 @@ from typing import Any
 
 # Called with a sentence before each stage.
 Progress = Callable[[str], None]
-# A function that is told; whether to show it; None for: where someone is watching.
+# A function that is called; True or False to show progress or not; None to show it in interactive
+# sessions.
 Watch = Progress | bool | None
 
 _BAR = (
@@ -20,10 +21,10 @@ _BAR = (
 
 @contextmanager
 def watched(watch: Watch, title: str) -> Generator[Progress, None, None]:
-    """A function to be told of every stage, which shows it where `watch` says so.
+    """A function to call with each stage, which shows it as `watch` says.
 
-    A stage such as "start 3 of 8" moves the bar; without numbers it only says that work goes on.
-    What is shown goes away at the end, also of a failure.
+    A stage such as "start 3 of 8" moves the bar; one without numbers only shows activity. The
+    display disappears at the end, also after a failure.
     """
     if callable(watch):
         yield watch
@@ -36,29 +37,29 @@ def watched(watch: Watch, title: str) -> Generator[Progress, None, None]:
 
 
 def _shell() -> Any:
-    """IPython's shell, if this runs in one; IPython is not imported for it."""
+    """IPython's shell if this runs in one, without importing IPython."""
     ipython = sys.modules.get("IPython")
     return ipython.get_ipython() if ipython is not None else None
 
 
 def _in_notebook() -> bool:
-    """Whether outputs go to a notebook: a shell with a kernel."""
+    """Whether output goes to a notebook: IPython's shell has a kernel."""
     return hasattr(_shell(), "kernel")
 
 
 def _at_prompt() -> bool:
-    """Whether somebody types into a terminal, Python's own or IPython's."""
+    """Whether this is an interactive session in a terminal, of Python or IPython."""
     return (hasattr(sys, "ps1") or _shell() is not None) and sys.stderr.isatty()
 
 
 def share_of(text: str) -> float | None:
-    """How far work is by its own words, '3 of 8'; None where they do not say."""
+    """Progress from a text such as '3 of 8', as a share; None if it has no such numbers."""
     stated = re.search(r"(?<!\S)(\d+) of (\d*[1-9]\d*)(?!\S)", text)
     return int(stated[1]) / int(stated[2]) if stated else None
 
 
 def _shown_in_notebook(title: str) -> Generator[Progress, None, None]:
-    """A bar of HTML that is replaced stage by stage: rich and tqdm need ipywidgets for theirs."""
+    """An HTML progress bar, updated at each stage: those of rich and tqdm need ipywidgets."""
     from IPython.display import display
 
     def bar(text: str) -> dict[str, str]:

@@ -1,8 +1,8 @@
-"""What a prompt asks of a value: a few lines, a card, a figure, a table, a page.
+"""Display of values: a few lines, a card, a figure, a table, a page.
 
-Classes of all rooms inherit the methods here; what these show is put together in the room
-`view/`, which stands on all others and is looked up by name when a method is called. So a low
-room depends on no upper one, and nothing is imported until something is shown.
+Classes of all rooms inherit the methods here. What these show is made in `view/`, which depends on
+all other rooms and is imported by name when a method is called. So no lower room depends on it, and
+nothing is imported until something is shown.
 """
 
 from importlib import import_module
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class Named:
-    """Completed by names of its own only."""
+    """Base class whose completion lists only names of this package's classes."""
 
     def __dir__(self) -> list[str]:
-        """Names of the package's own classes, without those of what they are built on."""
+        """Names of the package's own classes, without those of foreign base classes."""
         own = {name for name in vars(self) if not name.startswith("_")}
         for kind in type(self).__mro__:
             if kind.__module__.partition(".")[0] == "deltaid":
@@ -29,10 +29,10 @@ class Named:
 
 
 class Shown(Named):
-    """Short at a prompt, a card in a notebook, and completed by names of its own only."""
+    """Short text at a prompt, a card in a notebook, and completion of own names only."""
 
     def __repr__(self) -> str:
-        """A few lines: what it is, and its main numbers."""
+        """A few lines: the object and its main numbers."""
         return _notebook("show", "text")(self)
 
     def _repr_html_(self) -> str:
@@ -40,7 +40,7 @@ class Shown(Named):
 
 
 class Plotted:
-    """What can be drawn."""
+    """Mixin for objects with a figure."""
 
     def plot(self) -> "go.Figure":
         """A Plotly figure, in the colours of the reports.
@@ -52,23 +52,23 @@ class Plotted:
 
 
 class Tabled:
-    """What is a table at heart."""
+    """Mixin for objects that are tables."""
 
     @overload
     def to_frame(self, library: Literal["polars"] = "polars") -> "pl.DataFrame": ...
     @overload
     def to_frame(self, library: Literal["pandas"]) -> "pd.DataFrame": ...
     def to_frame(self, library: str = "polars") -> Any:
-        """Its numbers as a table, of polars; or of pandas where that is installed.
+        """Its numbers as a table of polars or, if installed, of pandas.
 
         Raises:
-            DeltaidError: pandas is asked for and not installed, or it is another library.
+            DeltaidError: pandas is not installed, or the library is neither of the two.
         """
         return _notebook("show", "frame")(self, library)
 
 
 class Reported:
-    """What has a page."""
+    """Mixin for objects with a page."""
 
     def report(self, path: str | Path) -> Path:
         """Write a page of text, tables and figures: one HTML file that works offline.
@@ -79,7 +79,7 @@ class Reported:
         return _notebook("show", "report")(self, path)
 
 
-# Methods of `Part`, overridden there, that pydantic knows and users do not need.
+# Names of pydantic that `Part` overrides and that users do not need.
 _OF_PYDANTIC = {"model_config", "model_copy", "model_fields", "model_post_init"}
 
 
