@@ -1,5 +1,5 @@
-"""Corrections of an identification for the model file: corrected faults, effects and sensors,
-inseparable causes, and source logs with their excluded rows and events."""
+"""Records of corrections in a model file: faults, effects and sensors that were corrected, causes
+that cannot be separated, and source logs with their excluded rows and events."""
 
 from typing import Annotated, Literal
 
@@ -13,7 +13,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class TimeSpan(Part):
-    """First and last time stamp of excluded rows [s]."""
+    """First and last time stamp of a stretch of excluded rows [s]."""
 
     start: float
     end: float
@@ -22,8 +22,8 @@ class TimeSpan(Part):
 class LeftOut(Part):
     """Rows of a recording that were excluded for one reason, for the same drives.
 
-    `share` is that of the recording's rows. Of many spans the first ones are listed, and `more`
-    says how many there are beside them. Reversals have no spans, and a share in the mean over their
+    `share` is a share of the recording's rows. If there are many spans, only the first are listed
+    and `more` counts the others. Reversals have no spans; their share is the mean over their
     drives.
     """
 
@@ -36,11 +36,11 @@ class LeftOut(Part):
 
 
 class Event(Part):
-    """A contact, a stop or a torque spike, excluded from a recording.
+    """A contact, a stop or a torque spike that was excluded from a recording.
 
-    Times in s. `place` is that of the platform point in the world [m] and `force` what acted on it
-    there [N], both at `time`, where it was largest; `moment` is that about the axis that the tool
-    turns about [N m]. A spike of a torque channel has none of these.
+    Times are in s. `place` is the position of the platform point in the world [m], `force` the
+    force on it [N], both at `time`, when the force was largest; `moment` is the moment about the
+    axis of the tool's turn [N m]. A spike of a torque channel has none of these.
     """
 
     reason: str
@@ -54,7 +54,7 @@ class Event(Part):
 
 
 class Source(Part):
-    """A log of a model, and its filter."""
+    """A log that a model was identified from, and its filter."""
 
     log: str
     sha256: str
@@ -119,7 +119,7 @@ Kind = Literal[
 ]
 
 
-# Each kind in words.
+# Name of each kind of correction in words.
 NAMES: dict[Kind, str] = {
     "velocity": "recorded velocities excluded",
     "lag": "lag between torques and positions",
@@ -150,22 +150,23 @@ NAMES: dict[Kind, str] = {
 
 
 def cause_in_words(name: str) -> str:
-    """A cause by the name of an effect, such as `tilt` or 'ripple of drive1, 34'."""
+    """Words for an effect's name, such as `tilt`; other text, as 'ripple of drive1, 34', is
+    kept."""
     words: dict[str, str] = {str(kind): said for kind, said in NAMES.items()}
     further = {"platform-spring": "spring at the platform", "platform-drag": "drag at the platform"}
     return (words | further).get(name, name)
 
 
 class Correction(Part):
-    """One correction, on the evidence of the recordings.
+    """One correction, supported by the recordings.
 
     Attributes:
-        kind: what sort of thing it is.
+        kind: what was corrected.
         subject: drive, joint or body; empty for all of them.
-        log: the recording that it was done to; empty for the model.
-        value: its size, if it has one, with a 95 % interval where that is known.
-        unit: of these.
-        text: a sentence on what was done and why.
+        log: the recording that was corrected; empty for the model.
+        value: size of the correction, if it has one, with a 95 % interval if that is known.
+        unit: of value and interval.
+        text: a sentence on the correction and its reason.
     """
 
     kind: Kind
@@ -179,14 +180,14 @@ class Correction(Part):
 
 
 class FittedEffect(Part):
-    """A permanent torque on the drives, such as by a hose.
+    """A permanent torque on the drives, caused for example by a hose.
 
     Attributes:
         name: of the effect, such as 'platform-force'.
         values: of its coefficients.
-        drives: that it acts on; empty where it acts on the platform.
-        orders: of ripples, one a drive [1/rad or 1/m].
-        fastest: speed of the platform that a drag is smoothed with [m/s].
+        drives: that it acts on; empty if it acts on the platform.
+        orders: of ripples, one for each drive [1/rad or 1/m].
+        fastest: speed of the platform used to smooth a drag [m/s].
     """
 
     name: str
@@ -200,9 +201,9 @@ class Inseparable(Part):
     """Two causes of the same torques that the recordings do not separate.
 
     Attributes:
-        causes: the one that the model has, and the other.
-        subjects: drives that they are of; empty for the robot.
-        is_counted: whether intervals count both; else they take the second as described.
+        causes: the one in the model, and the other.
+        subjects: their drives; empty for the whole robot.
+        is_counted: whether intervals include both; otherwise they hold the second as described.
     """
 
     causes: tuple[str, str]
@@ -224,8 +225,8 @@ NotNegative = Annotated[float, Field(ge=0)]
 class FittedChannel(Part):
     """One channel of a sensor.
 
-    `left` is the root mean square of what the fit leaves of it after the low-pass, `largest` the
-    largest magnitude there; `stated` is the noise that the description gives, before the low-pass.
+    `left` is the root mean square of the fit's residual after the low-pass, `largest` the largest
+    magnitude of the signal after it; `stated` is the described noise, before the low-pass.
     """
 
     name: str
@@ -236,7 +237,7 @@ class FittedChannel(Part):
 
 
 class FittedSensor(Part):
-    """A sensor: its channels, and its own unknowns with intervals."""
+    """A sensor: its channels, and its own parameters with intervals."""
 
     name: str
     channels: tuple[FittedChannel, ...]

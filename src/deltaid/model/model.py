@@ -42,23 +42,23 @@ if TYPE_CHECKING:
     from deltaid.model.samples import Samples
 
 
-# Coefficients of joints, which a robot may lack.
+# Kinds of joint coefficients, some of which a robot may lack.
 _COEFFICIENTS = {*(term.kind for term in TERMS), "spring", "rotor"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Shown, Plotted, Tabled, Reported):
-    """A robot with parameters that can exist.
+    """A robot with physically possible parameters.
 
     Attributes:
         robot: its description.
         p: parameters in the order of the layout.
         source: name of the file or catalogue robot that they come from.
         identified: the identification behind them, with its intervals; None for a prior.
-        altered: what was done to the parameters since, in words.
+        altered: changes of the parameters since, in words.
 
     Raises:
-        DescriptionError: the parameters are not those of the robot, or a body of them cannot exist.
+        DescriptionError: the parameters do not match the robot, or a body with them is impossible.
     """
 
     robot: RobotDescription
@@ -80,7 +80,7 @@ class Model(Shown, Plotted, Tabled, Reported):
         for name in self.layout.bodies:
             body = self.body(name)
             reason = "its parameters are not all finite"
-            if np.all(np.isfinite(body)):  # plates and lines are allowed as in a description
+            if np.all(np.isfinite(body)):  # plates and lines are allowed
                 reason = RigidBody(body).with_thickness().why_inconsistent
             if reason:
                 raise DescriptionError(
@@ -98,7 +98,7 @@ class Model(Shown, Plotted, Tabled, Reported):
 
     @cached_property
     def layout(self) -> ParameterLayout:
-        """Names, units and places of the parameters."""
+        """Names, units and indices of the parameters."""
         return parameter_layout(self.robot)
 
     @cached_property
@@ -117,7 +117,7 @@ class Model(Shown, Plotted, Tabled, Reported):
         return PRIOR_SPREAD if self.identified is None else self.identified.settings.prior_spread
 
     def body(self, name: str) -> Float[np.ndarray, " 10"]:
-        """The ten parameters of one body, about its link frame.
+        """The ten inertia parameters of one body, about its link frame.
 
         Raises:
             UnknownNameError: the robot has no such body.
@@ -130,12 +130,12 @@ class Model(Shown, Plotted, Tabled, Reported):
         """One parameter by name, such as model["P.m"] or model["viscous.drive1"].
 
         Raises:
-            UnknownNameError: the robot has none of that name; the message has the nearest.
+            UnknownNameError: the robot has no such parameter; the message suggests the nearest.
         """
         return float(self.p[place(self.layout, name, self.source or self.robot.name)])
 
     def value(self, name: str) -> float:
-        """The same; zero for a coefficient of a joint that the robot lacks, such as 'rotor.drive1'.
+        """The same; zero for a joint coefficient that the robot lacks, such as 'rotor.drive1'.
 
         Raises:
             UnknownNameError: no robot has such a parameter.
@@ -147,7 +147,8 @@ class Model(Shown, Plotted, Tabled, Reported):
 
     @property
     def gains(self) -> Float[np.ndarray, " drives"]:
-        """Torque at the joint for each recorded or commanded one, as identified."""
+        """Torque of each drive at the joint for a recorded or commanded 1 N m (or 1 N), as
+        identified."""
         known = self.identified
         return np.ones(len(self.robot.drives)) if known is None else known.gains
 
@@ -155,12 +156,12 @@ class Model(Shown, Plotted, Tabled, Reported):
         """The same robot with a permanent load.
 
         Args:
-            load: the name of one that the model was identified with, or the ten parameters of any.
-            body: what carries it; of a named one it is known, else EE, or P where there is no EE.
+            load: name of a load that the model was identified with, or ten inertia parameters.
+            body: that carries it; ignored for a named load; by default EE, or P if there is no EE.
 
         Raises:
             UnknownNameError: the model was identified with no load of that name.
-            DescriptionError: the robot has no such body, or a body with the load cannot exist.
+            DescriptionError: the robot has no such body, or a body with the load is impossible.
         """
         if isinstance(load, str):
             known = {held.name: held for held in self.identified.loads} if self.identified else {}
@@ -195,16 +196,15 @@ class Model(Shown, Plotted, Tabled, Reported):
         """Consistent models drawn from the posterior of data, prior and consistency.
 
         Args:
-            n: how many.
-            seed: the same one gives the same models.
-            limb_tolerance: relative standard deviation of masses and second moments from limb to
-                limb, whose mean over the limbs stays; 0 for limbs that are the same.
-            progress: whether to show that it goes on; None for where someone is watching.
+            n: number of models.
+            seed: equal seeds give equal models.
+            limb_tolerance: relative standard deviation of masses and second moments between limbs,
+                whose mean over the limbs is kept; 0 for identical limbs.
+            progress: whether to show progress; None to show it in interactive sessions.
 
         Raises:
-            DescriptionError: this is a robot at its prior, or the model file is of a version that
-                kept no posterior.
-            IdentificationError: the draws could not be trusted.
+            DescriptionError: the model is a prior, or its file is of a version without a posterior.
+            IdentificationError: the draws are not reliable.
         """
         with watched(progress, "sample") as say:
             say(f"drawing {n} models")
@@ -216,17 +216,17 @@ class Model(Shown, Plotted, Tabled, Reported):
 
     @property
     def home(self) -> Float[np.ndarray, " dof"]:
-        """A pose in the middle of the workspace, z."""
+        """A pose z in the middle of the workspace."""
         return self.dynamics.kinematics.home
 
     @property
     def name(self) -> str:
-        """The robot's name, for other programs' files."""
+        """The robot's name for files of other programs."""
         return _printable(self.robot.name) or "robot"
 
     @property
     def provenance(self) -> str:
-        """One line for the head of a file."""
+        """One line on the origin of the parameters, for the head of a file."""
         named = ", ".join((_printable(self.robot.title) or self.name, *self.altered))
         line = f"{named}, from {_printable(self.source)} by deltaid {version('deltaid')}"
         return line if self.identified is None else f"{line}. {self._quality(self.identified)}"
@@ -252,8 +252,8 @@ class HasModel(Protocol):
         ...
 
 
-# Inputs that become a model: a catalogue name, a file of a robot or a model, a value, or the
-# dictionary of either file.
+# Inputs that `load` accepts: a catalogue name, a robot or model file, a value, or the dictionary of
+# either file.
 ModelLike = Model | IdentifiedModel | HasModel | RobotDescription | Mapping[str, Any] | str | Path
 
 
@@ -261,12 +261,12 @@ def load(source: ModelLike) -> Model:
     """A robot with its parameters.
 
     Args:
-        source: a catalogue name, a robot file or a model file; a description, what
-            `deltaid.identify` found, or what either file holds as a dictionary. A robot has the
+        source: a catalogue name, a robot file or a model file; a description, the result of
+            `deltaid.identify`, or the content of either file as a dictionary. A robot has the
             parameters of its prior.
 
     Raises:
-        DescriptionError: no such robot or file, or the file is neither.
+        DescriptionError: there is no such robot or file, or the file is neither.
     """
     match source:
         case Model():

@@ -1,4 +1,4 @@
-"""Options of a fit by name, their limits, and how lags are read; imports nothing slow."""
+"""Options of a fit by name, their limits, and the parser of lags; imports nothing slow."""
 
 from typing import Literal
 
@@ -14,16 +14,16 @@ IntervalChoice = Literal["linear", "posterior"]
 Period = Literal["day", "week", "month", "all"]
 LeastSquaresMethod = Literal["ordinary", "weighted", "gauss-markov"]
 
-# Beyond these limits rounding of the data, or the prior, decides alone.
+# Limits of γ and of the relative prior spread; beyond them rounding or the prior decides alone.
 GAMMA_LIMITS, SPREAD_LIMITS = (1e-18, 1e3), (1e-4, 1e4)
-# Largest lag that may be given [s].
+# Largest lag that a user may give [s].
 LARGEST_LAG = 0.1
-# Limits of the number of drawn models, and of the scatter between limbs.
+# Limits of the number of drawn models, and of the relative scatter between limbs.
 SAMPLES_LIMITS, TOLERANCE_LIMITS = (1.0, 1e5), (0.0, 0.3)
 
 
 def lag_of(text: str) -> LagChoice | tuple[float, ...]:
-    """Value of `--lag`: a word, or lags in s from milliseconds."""
+    """Value of `--lag`: a word, or lags in milliseconds as seconds."""
     words: dict[str, LagChoice] = {"estimate": "estimate", "none": "none"}
     if (word := text.strip()) in words:
         return words[word]

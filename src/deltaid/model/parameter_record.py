@@ -1,8 +1,7 @@
-"""Parameters of an identified model with intervals and their origin; look-up by name, with the
-nearest name where there is none.
+"""Parameters of an identified model with intervals and their origin, and look-up by name.
 
-A model file also keeps how friction laws were chosen, and a posterior, so that consistent models
-can be drawn from data, prior and cones.
+A model file also keeps the choice of friction laws, and a posterior, from which consistent models
+are drawn.
 """
 
 from typing import Annotated, Literal
@@ -18,9 +17,10 @@ from deltaid.robot.part import Coordinate, Part, Positive
 
 class Share(Part):
     """Origin of an interval: noise of torques, of sensors and of measured values, the prior, the
-    robot's geometry with undetermined effects, and, for what nothing shows, physical consistency.
+    robot's geometry with undetermined effects, and physical consistency for unidentifiable
+    parameters.
 
-    Shares of its squared width, together one.
+    Shares of the squared width, which sum to 1.
     """
 
     noise: Annotated[float, Field(ge=0, le=1, description="of the recorded torques")]
@@ -32,36 +32,36 @@ class Share(Part):
 
     @classmethod
     def from_parts(cls, shares: Float[np.ndarray, " 5"]) -> "Share":
-        """The shares from those of torques, sensors, measured values, prior and geometry, where
-        consistency bounds what is not shown."""
+        """Shares from those of torques, sensors, measured values, prior and geometry; none is due
+        to consistency."""
         noise, sensors, measured, prior, geometry = (float(share) for share in shares)
         return cls(noise=noise, prior=prior, geometry=geometry, sensors=sensors, measured=measured)
 
 
-# What decided a parameter.
+# What determines a parameter.
 Origin = Literal["data", "measured", "sum", "prior", "limit", "structure", "fixed", "consistency"]
 
 
 class Parameter(Part):
-    """One parameter: value, standard deviation, 95 % interval, prior, and what decided it.
+    """One parameter: value, standard deviation, 95 % interval, prior, and what determines it.
 
     `determined_by` is
 
-    - 'data' where the recording knows it to less than half of the prior's spread by itself;
-    - 'measured' where it is known as well, and most of its uncertainty comes from values
-      that were measured of bodies, by a scale or the like;
-    - 'sum' where it does so only with the priors of others, which `rests_on` names: torques show a
-      sum of it and these. `std` takes these priors at their word, the interval does not;
-    - 'prior' where neither is the case; standard deviation and interval are the prior's own;
-    - 'limit' where it is as small as consistency lets it be; the interval is one-sided, or what
-      recording and consistency leave open;
-    - 'consistency' for entries that no torque shows and that grew to keep their body consistent,
-      which are lower bounds; standard deviation and interval are the prior's own;
-    - 'fixed' for entries that torques show but the reduction holds at the prior (± 0);
+    - 'data' if the recording alone determines it to less than half of the prior's spread;
+    - 'measured' if this holds too, and most of its uncertainty comes from values that were measured
+      on bodies, as by a scale;
+    - 'sum' if torques determine a sum of it and the parameters in `rests_on`, so that it also needs
+      their priors. `std` trusts these priors, the interval does not;
+    - 'prior' if none of these holds; standard deviation and interval are those of the prior;
+    - 'limit' if it is as small as consistency allows; the interval is one-sided, or what recording
+      and consistency leave open;
+    - 'consistency' for entries that no torque determines and that were increased to keep their body
+      consistent. They are lower bounds; standard deviation and interval are those of the prior;
+    - 'fixed' for entries that torques would determine but the reduction holds at the prior (± 0);
     - 'structure' for entries that the reduction holds at zero.
 
-    Parameters that must be positive have intervals that end at zero. `low` and `high` are missing
-    in models of earlier versions, `rests_on`, 'sum' and 'limit' in those of format 2.
+    Intervals of parameters that must be positive end at zero. Models of earlier versions lack `low`
+    and `high`, those of format 2 `rests_on`, 'sum' and 'limit'.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Parameter(Part):
     )
 
     def moved(self, by: float) -> "Parameter":
-        """The correction already applied plus this remainder."""
+        """The parameter shifted by a correction that was applied before the fit."""
         low, high = (None if end is None else end + by for end in (self.low, self.high))
         return self.changed(value=self.value + by, low=low, high=high, prior=self.prior + by)
 
@@ -89,7 +89,7 @@ class Parameter(Part):
 class HeldLoad(Part):
     """A load of recordings, as declared and as identified.
 
-    `parameters` are the ten of a body, about the frame of the body that carries it.
+    `parameters` are ten inertia parameters, about the frame of the body that carries the load.
     """
 
     name: str
@@ -99,7 +99,7 @@ class HeldLoad(Part):
 
     @property
     def p(self) -> Float[np.ndarray, " 10"]:
-        """m, mcx, mcy, mcz, Θ_xx, …, of the load."""
+        """m, mcx, mcy, mcz, Θ_xx, … of the load."""
         return np.array([parameter.value for parameter in self.parameters])
 
     @property
@@ -109,9 +109,8 @@ class HeldLoad(Part):
 
 
 class BaseParameter(Part):
-    """A combination that torques determine, by least squares without prior and consistency.
-
-    Value, standard deviation and 95 % interval.
+    """A combination of parameters that torques determine, by least squares without prior and
+    consistency: value, standard deviation and 95 % interval.
     """
 
     formula: str
@@ -128,7 +127,7 @@ class BaseParameter(Part):
     )
 
 
-# Common names of the entries of a body.
+# Common names of a body's entries, and the entries they mean.
 _ALSO = {"mass": "m", "weight": "m", "x": "mcx", "y": "mcy", "z": "mcz", "com": "mcx",
          "inertia": "Izz"}  # fmt: skip
 
@@ -141,30 +140,30 @@ def place(layout: ParameterLayout, name: str, where: str) -> int:
 
 
 def _usual(layout: ParameterLayout, name: str) -> str:
-    """The parameter's name here for a common one: P.mass is P.m."""
+    """The parameter that a common name means: P.m for P.mass; empty if none."""
     body, _, entry = name.partition(".")
     usual = f"{body}.{_ALSO.get(entry.lower(), '')}"
     return usual if usual in layout.names else ""
 
 
 AdditionKind = Literal["offset", "both_ways", "power", "stribeck", "load"]
-# A joint, and the kind of term that its law gets.
+# A joint, and the kind of a term of its friction law.
 JointTerm = tuple[str, str]
 
 
 class FrictionTrial(Part):
-    """One joint's law with one more term.
+    """One joint's friction law with one more term.
 
     Attributes:
         joint, addition: what was tried: 'offset', 'both_ways' (a law for each direction), 'power',
-            'stribeck' or 'load'; of a term that is described, other constants.
-        error: torque error that it leaves, as a share of the largest torque, root mean square over
-            all drives.
-        gain: by what share the squared error falls against the law before.
-        significance: what it explains as a multiple of what chance explains, in amplitude. Of
-            models before format 3 the mean gain over folds as a multiple of its standard error.
-        useful: of a trial whether its gain is beyond chance; of a step whether the final law has
-            it.
+            'stribeck' or 'load'; for a term that is already described, other constants of it.
+        error: remaining torque error, as a share of the largest torque, root mean square over all
+            drives.
+        gain: relative decrease of the squared error against the law before.
+        significance: what it explains as a multiple of what chance explains, in amplitude. In
+            models before format 3: mean gain over folds as a multiple of its standard error.
+        useful: for a trial, whether its gain is beyond chance; for a step, whether the final law
+            has it.
     """
 
     joint: str
@@ -179,10 +178,10 @@ class FrictionChoice(Part):
     """The choice of friction laws.
 
     Attributes:
-        folds: number of stretches of the recordings whose scatter says what chance explains.
+        folds: number of stretches of the recordings whose scatter determines what chance explains.
         plain_error, chosen_error: torque error with the described and with the chosen laws, as in
             `FrictionTrial`.
-        steps: what was added, in this order.
+        steps: added terms, in this order.
         trials: every addition alone, to the described laws.
     """
 
@@ -197,10 +196,10 @@ class FrictionCurve(Part):
     """Friction of a joint over its speed, without the load-dependent part, with 95 % intervals.
 
     Attributes:
-        joint: which.
-        speed: ascending, both ways [rad/s or m/s].
+        joint: name of the joint.
+        speed: ascending, in both directions [rad/s or m/s].
         friction: at these speeds [N m or N].
-        half_width: of its intervals, constants of the law counted as unknown.
+        half_width: of the intervals, with the constants of the law as unknowns [N m or N].
     """
 
     joint: str
@@ -209,19 +208,19 @@ class FrictionCurve(Part):
     half_width: tuple[float, ...]
 
     def band(self, speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, "2 n"]:
-        """Lower and upper ends of the intervals at speeds of the curve, between its points."""
+        """Lower and upper ends of the intervals, interpolated between the curve's speeds."""
         middle, half = (np.interp(speed, self.speed, x) for x in (self.friction, self.half_width))
         return np.stack([middle - half, middle + half])
 
 
 class PosteriorRecord(Part):
-    """Data and prior on a robot's parameters, with all other unknowns marginalised.
+    """Data and prior of a robot's parameters, with all other unknowns marginalised.
 
-    The data gives combinations of parameters, b = K p + e with e ~ N(0, L Lᵀ). Deviations are those
-    that intervals of base parameters have: by the recording's scatter and by tolerances of
-    geometry. Lags, gains, loads and all else beside the robot have widened them already.
+    The data gives combinations of parameters, b = K p + e with e ~ N(0, L Lᵀ). L has the deviations
+    of base parameters' intervals: by the recording's scatter and by tolerances of geometry. Lags,
+    gains, loads and all other unknowns are already included.
 
-    The prior of an entry of p has the standard deviation `spread` times `wider` (1 where it is not
+    The prior of an entry of p has the standard deviation `spread` times `wider` (1 if it is not
     named) times its size.
     """
 
@@ -238,7 +237,7 @@ class PosteriorRecord(Part):
 
     @property
     def names(self) -> set[str]:
-        """Names of all its parameters."""
+        """Names of all parameters in it."""
         return {*self.wider, *self.unseen, *(name for row in self.combinations for name in row)}
 
     @property

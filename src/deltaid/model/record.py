@@ -39,23 +39,23 @@ if TYPE_CHECKING:
     from deltaid.dynamics.dynamics import Dynamics
     from deltaid.model.samples import Samples
 
-# Version of the model file; files of all earlier ones load. 2: base parameters name their
-# representative. 3: corrections; what a parameter rests on. 4: the posterior; how intervals were
-# made.
+# Version of the model file; files of all earlier versions load. 2: base parameters name their
+# representative. 3: corrections, and `rests_on` of parameters. 4: the posterior, and the method of
+# intervals.
 FORMAT = 4
 _OF_DRIVES = ("rms", "nrmse", "rms_unfiltered")
 CHANGED = "the file was changed after deltaid wrote it: its checksum is another"
-# YAML nodes of ten years of daily recordings, 50 nodes each.
+# Limit of YAML nodes in a file: ten years of daily recordings with 50 nodes each.
 _MOST_NODES = 200_000
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
 
 
 def above(module: str, name: str) -> Any:
-    """A function of a room above, by the module's name without the package.
+    """A function of a higher room, by its module's name without the package.
 
-    The one way up the house: a user looks for `model.sample` where the model is, and the sampler
-    stands on identification, which stands on models. So these methods look their function up when
-    they are called, and no module of this room depends on those above it.
+    Users expect `model.sample` at the model, but the sampler imports identification, which imports
+    models. Such methods therefore import their function when they are called, so no module of this
+    room depends on higher ones.
     """
     return getattr(import_module(f"deltaid.{module}"), name)
 
@@ -63,8 +63,8 @@ def above(module: str, name: str) -> Any:
 class Fit(Part):
     """Result of the fit; torque errors are per drive.
 
-    `lower_bound` is the certified bound below J of the same objective and `duality_gap` what lies
-    between; None when the objective has no certificate.
+    `lower_bound` is the certified lower bound of the objective and `duality_gap` its distance from
+    `objective`; both are None for an objective without a certificate.
     """
 
     objective: float
@@ -90,7 +90,7 @@ class Consistency(Part):
 
 
 class Verification(Part):
-    """Prediction errors on a recording of another motion, drive by drive."""
+    """Prediction errors on a recording of another motion, for each drive."""
 
     log: str
     sha256: str
@@ -164,7 +164,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
 
     @property
     def layout(self) -> ParameterLayout:
-        """Names and places of the parameters."""
+        """Names and indices of the parameters."""
         return parameter_layout(self.robot)
 
     @property
@@ -191,29 +191,29 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
 
     @property
     def commands(self) -> str:
-        """Commands of drives whose gain is not 1, by torques at the joints: "tau2 / 1.25"."""
+        """Commands of drives whose gain is not 1, as functions of joint torques: "tau2 / 1.25"."""
         gains = enumerate(self.gains.tolist(), 1)
         return ", ".join(f"tau{i} / {gain:.6g}" for i, gain in gains if gain != 1.0)
 
     @property
     def dynamics(self) -> "Dynamics":
-        """The robot's dynamics with these parameters, as of `Model`."""
+        """The robot's dynamics with these parameters, as `Model.dynamics`."""
         return above("model.model", "load")(self).dynamics
 
     def value(self, name: str) -> float:
         """One parameter by name, such as 'U.mcx' or 'viscous.drive1'.
 
         Raises:
-            UnknownNameError: the robot has none of that name; the message has the nearest.
+            UnknownNameError: the robot has no such parameter; the message suggests the nearest.
         """
         return float(self.p[place(self.layout, name, self.robot.name)])
 
     def __getitem__(self, name: str) -> float:
-        """The same as `value`."""
+        """The same as `value`, by index."""
         return self.value(name)
 
     def parameter(self, name: str) -> Parameter:
-        """One parameter with its interval, its prior and what decided it.
+        """One parameter with its interval, its prior and what determines it.
 
         Raises:
             UnknownNameError: as `value`.
@@ -223,11 +223,11 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     def sample(
         self, n: int, seed: int = 0, limb_tolerance: float = 0.0, *, progress: Watch = None
     ) -> "Samples":
-        """Consistent models drawn from the posterior, as of `Model.sample`."""
+        """Consistent models drawn from the posterior, as by `Model.sample`."""
         return above("model.model", "load")(self).sample(n, seed, limb_tolerance, progress=progress)
 
     def save(self, path: str | Path) -> None:
-        """Write as YAML with a checksum in its last line; numbers keep every bit.
+        """Save as YAML with a checksum in the last line; numbers keep every bit.
 
         Raises:
             DeltaidError: the file cannot be written.
@@ -239,10 +239,10 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
 
     @classmethod
     def load(cls, path: str | Path) -> "IdentifiedModel":
-        """Read a saved model; a file changed by hand has an additional warning.
+        """Load a saved model; adds a warning if the file was changed by hand.
 
         Raises:
-            DescriptionError: the file is not a model, is of a later version, or its bodies are not
+            DescriptionError: the file is no model, is of a later version, or its bodies are not
                 consistent.
         """
         text, where = read_text(Path(path)), str(path)

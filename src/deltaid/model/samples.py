@@ -21,16 +21,16 @@ from deltaid.shown import Plotted, Shown, Tabled
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Samples(Shown, Plotted, Tabled):
-    """Consistent models of one robot, each as likely as any other.
+    """Equally likely consistent models of one robot.
 
     Attributes:
         model: the identified model that they are drawn around.
-        robot: whose parameters they are; with bodies of each limb's own where limbs scatter.
-        p: parameters, a row a model.
-        ess: for each parameter, how many independent draws these are worth.
-        rhat: for each, by which factor its spread might still grow; 1 where chains agree.
-        seed: that they were drawn with.
-        limb_tolerance: relative standard deviation from limb to limb.
+        robot: described by `p`; with separate bodies for each limb if limbs scatter.
+        p: parameters, one model per row.
+        ess: effective number of independent draws, for each parameter.
+        rhat: factor by which the spread might still grow, for each parameter; 1 if chains agree.
+        seed: of the draw.
+        limb_tolerance: relative standard deviation between limbs.
     """
 
     model: Model
@@ -45,16 +45,16 @@ class Samples(Shown, Plotted, Tabled):
         return len(self.p)
 
     def __getitem__(self, name: str) -> Float[np.ndarray, " n"]:
-        """Values of one parameter, one a model.
+        """Values of one parameter, one for each model.
 
         Raises:
-            UnknownNameError: the robot has none of that name; the message has the nearest.
+            UnknownNameError: the robot has no such parameter; the message suggests the nearest.
         """
         return self.p[:, place(self.layout, name, self.robot.name)]
 
     @cached_property
     def layout(self) -> ParameterLayout:
-        """Names, units and places of the parameters."""
+        """Names, units and indices of the parameters."""
         return parameter_layout(self.robot)
 
     @property
@@ -68,16 +68,16 @@ class Samples(Shown, Plotted, Tabled):
         return self.layout.units
 
     def models(self) -> Iterator[Model]:
-        """The drawn models."""
+        """The drawn models, one by one."""
         for i, p in enumerate(self.p):
             source = f"{self.model.source}, sample {i + 1} of {len(self)}"
             yield Model(self.robot, p, source, self.model.identified)
 
     def save(self, path: str | Path) -> Path:
-        """Write parameters, names, units and diagnostics as a .npz file.
+        """Save parameters, names, units and diagnostics as a .npz file.
 
         Raises:
-            DeltaidError: the name has another end, or the file cannot be written.
+            DeltaidError: the name does not end in .npz, or the file cannot be written.
         """
         path = Path(path)
         if path.suffix.lower() != ".npz":
@@ -99,10 +99,10 @@ class Samples(Shown, Plotted, Tabled):
         return path
 
     def mjcf(self, folder: str | Path) -> Path:
-        """Write a new folder with one MJCF file a model, and index.csv with their parameters.
+        """Write a new folder with one MJCF file for each model, and index.csv with their
+        parameters.
 
-        Raises:
-            DeltaidError: there is such a folder, it cannot be written, or MJCF lacks what the
-                robot has.
+        Raises: DeltaidError: the folder exists or cannot be written, or MJCF cannot represent the
+        robot.
         """
         return above("exports.mjcf", "write_ensemble")(self, folder)

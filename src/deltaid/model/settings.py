@@ -1,4 +1,4 @@
-"""Settings of a fit."""
+"""Settings of a fit, and how they are given."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -29,19 +29,20 @@ class Settings(Part):
     Attributes:
         method: 'conic' (global optimum, certified) or 'log-cholesky' (the paper's).
         regularizer: the metric that pulls towards the prior.
-        gamma: γ_p/γ_τ of (15); by maximum a posteriori from the data when None.
+        gamma: γ_p/γ_τ of (15); None for maximum a posteriori from the data.
         prior_spread: relative standard deviation of the prior that this rule assumes.
-        cutoff: low-pass cut-off [Hz] for logs; by rule when None.
-        friction: laws as described, or extended where the recordings ask for it.
-        keep_all: whether nothing is left out of the recordings.
-        lag: of torques behind positions: estimated, none, or so many seconds, one for all drives
-            or one a drive.
-        compliance: of gears: estimated where none is stated, or none beside what is stated.
-        effects: zeros, gear ratios, lengths, a tilt, forces and ripples, those that a contest of
-            causes keeps, and loads that no mapping declares: corrected, or none.
-        events: whether contacts, stops, torque spikes and play in gears are found and left out.
-        intervals: of parameters, by linearisation about the fit and what data and consistency leave
-            open; or of models drawn from the posterior, which feel edges of consistency.
+        cutoff: low-pass cut-off of logs [Hz]; None for the default rule.
+        friction: laws as described, or extended if the recordings require it.
+        keep_all: whether to exclude nothing from the recordings.
+        lag: of torques behind positions: estimated, none, or given [s], one for all drives or one
+            for each.
+        compliance: of gears: estimated where none is described, or only as described.
+        effects: whether to correct zeros, gear ratios, lengths, a tilt, forces and ripples, as far
+            as the contest of causes selects them, and loads that no mapping declares.
+        events: whether to detect and exclude contacts, stops, torque spikes and play in gears.
+        intervals: of parameters: by linearisation about the fit, with what data and consistency
+            leave open; or of models drawn from the posterior, which include the bounds of
+            consistency.
     """
 
     method: Method = "conic"
@@ -59,10 +60,10 @@ class Settings(Part):
 
 
 def settings_of(given: object, options: Mapping[str, Any] | None = None) -> Settings:
-    """Settings by value or as a dictionary without the default ones; single settings by name.
+    """Settings by value or as a dictionary of those that differ; single settings by name.
 
     Raises:
-        DescriptionError: there is no such setting, or it cannot have that value.
+        DescriptionError: a setting does not exist, or cannot have that value.
     """
     if options:
         own = given.model_dump() if isinstance(given, Settings) else given or {}

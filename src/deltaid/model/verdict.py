@@ -1,4 +1,4 @@
-"""Verdicts on a description, a recording or a fit: one a cause, with its words."""
+"""Verdicts on a description, a recording or a fit: one for each cause, with its words."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -9,15 +9,15 @@ from typing import Literal, get_args
 from deltaid.errors import sentence
 from deltaid.shown import Shown
 
-# Names that a sentence lists before it counts the rest.
+# Number of names in a sentence before it only counts the rest, to keep it short.
 FEW = 3
-# What proposals may change: a robot's description, a recording's mapping.
+# Files that a proposal may change: a robot's description, a recording's mapping.
 File = Literal["robot", "mapping"]
 FILES: tuple[File, ...] = get_args(File)
 
 
 class Grade(StrEnum):
-    """Grade of a verdict; the order is that of severity."""
+    """Grade of a verdict, in order of severity."""
 
     GOOD = "good"
     CANNOT_TELL = "cannot tell"
@@ -27,13 +27,13 @@ class Grade(StrEnum):
 
 @dataclass(frozen=True)
 class Proposal:
-    """Lines of a user's file that correct it. Proposed, never applied unasked.
+    """Proposed lines that correct a user's file; they are never applied unasked.
 
     Attributes:
         file: the robot file or the column mapping.
-        changes: keys, such as `position[2].sign` or `limbs.strut`, and the values they should have.
-        is_written: whether a file gets them; else they only show whether the cause explains the
-            recording, and somebody has to look at the machine.
+        changes: keys, such as `position[2].sign` or `limbs.strut`, and their correct values.
+        is_written: whether they may be written to a file; otherwise they only test whether the
+            cause explains the recording, and somebody has to inspect the machine.
     """
 
     file: File
@@ -46,14 +46,14 @@ class Verdict(Shown):
     """Verdict on one cause.
 
     Attributes:
-        key: of the check, as the docs list it, such as `torque-sign`.
-        grade: how it looks.
-        seen: what was seen, with its number and unit.
-        subject: a drive, column, body or limit that it is about; empty for the whole.
+        key: of the check, as listed in the docs, such as `torque-sign`.
+        grade: its severity.
+        seen: the finding, with its number and unit.
+        subject: the drive, column, body or limit concerned; empty for the whole.
         cause: the likeliest cause; empty if all is good.
         cure: the next step; empty if all is good.
         proposals: lines to paste.
-        number: the figure that decided, and `unit` what it is in; None where there is none.
+        number: the figure that decided, in `unit`; None if there is none.
     """
 
     key: str
@@ -80,11 +80,11 @@ class Verdict(Shown):
 
 @dataclass(frozen=True)
 class Fault:
-    """A possible fault: words that all verdicts on it share, unless one has its own.
+    """A possible fault, with the default words of its verdicts.
 
     Attributes:
         key, cause, cure: as of a `Verdict` that is not good.
-        unit: of the figure that decides.
+        unit: of the deciding figure.
     """
 
     key: str
@@ -93,7 +93,7 @@ class Fault:
     cure: str = ""
 
     def good(self, seen: str, number: float | None = None) -> Verdict:
-        """A verdict without a fault."""
+        """A good verdict, without cause and cure."""
         return self.judged(seen, number=number, grade=Grade.GOOD)
 
     def judged(
@@ -116,18 +116,18 @@ class Fault:
 
 
 def graded(number: float, doubtful: float, wrong: float = math.inf) -> Grade:
-    """Good up to a first limit, wrong beyond a second one, doubtful between."""
+    """Good up to the first limit, wrong above the second, doubtful between them."""
     return Grade.WRONG if number > wrong else Grade.DOUBTFUL if number > doubtful else Grade.GOOD
 
 
 def worst(verdicts: Iterable[Verdict]) -> Grade:
-    """The most severe grade; good if there is none."""
+    """The most severe grade; good if there are no verdicts."""
     order = list(Grade)
     return max((verdict.grade for verdict in verdicts), key=order.index, default=Grade.GOOD)
 
 
 def percent(share: float) -> str:
-    """A share in per cent for sentences: two significant digits, or all before the decimal point.
+    """A share in per cent for sentences: two significant digits, or no decimals from 10 %.
 
     `view.numbers.percent` keeps trailing zeros, which tables and figures show as significant.
     """
@@ -136,7 +136,7 @@ def percent(share: float) -> str:
 
 
 def listed(names: Sequence[str], conjunction: str = "and") -> str:
-    """'drive1', 'drive1 and drive3', 'drive1, drive2 and drive3'."""
+    """A list in words: 'drive1', 'drive1 and drive3', 'drive1, drive2 and drive3'."""
     if len(names) < 2:
         return "".join(names)
     return f"{', '.join(names[:-1])} {conjunction} {names[-1]}"
