@@ -21,22 +21,23 @@ _SUMS = "only the sum of the forces of a limb's two struts is given"
 
 
 class ConstraintForces(WithParameters, Shown):
-    """Constraint forces of a described robot. Arrays have one sample a row, or are one sample.
+    """Constraint forces of a described robot. Arrays have one sample per row, or are one sample.
 
-    Every force is linear in the parameters: F = C(z, q̇, q̈) p. Names, frames and signs of the
-    channels stand in `docs/forces.md`; the equations in `dynamics.force_equations`.
+    Every force is linear in the parameters: F = C(z, q̇, q̈) p. `docs/forces.md` lists names,
+        frames
+    and signs of the channels; `dynamics.force_equations` has the equations.
 
     Attributes:
         names: of the channels, such as 'strut1a.platform.x'.
         units: of the channels, N or N m.
-        struts: names of the struts 'strut1a', 'strut1b', …; of the limbs' pairs 'strut1', … where
-            only the sum of a pair is determined.
-        note: why single struts have no forces of their own; empty if they have.
-        socket_force: spring force at each ball joint [N], None where it is not described.
-        equations: the graphs.
+        struts: names of the struts 'strut1a', 'strut1b', …; 'strut1', … for pairs of which only the
+            sum of forces is determined.
+        note: why forces of single struts are undetermined; empty if they are not.
+        socket_force: spring force at each ball joint [N], None if it is not described.
+        equations: CasADi graphs of the forces.
 
     Raises:
-        DescriptionError: the robot has a mechanism of the user's own, whose joints are not known.
+        DescriptionError: the robot has a user-defined mechanism, whose joints are unknown.
     """
 
     def __init__(self, robot: RobotLike) -> None:
@@ -52,10 +53,10 @@ class ConstraintForces(WithParameters, Shown):
         self.socket_force = limbs.socket_force if splits(self.robot) else None
 
     def index(self, name: str) -> int:
-        """Position of a channel.
+        """Index of a channel.
 
         Raises:
-            UnknownNameError: there is none of that name; the message has the nearest.
+            UnknownNameError: there is no such channel; the message suggests the nearest.
         """
         if name not in self.names:
             raise unknown(name, self.names, "channel", self.robot.name)
@@ -65,8 +66,8 @@ class ConstraintForces(WithParameters, Shown):
     def evaluate(
         self, z: Samples, qd: Samples, qdd: Samples, p: Parameters | None = None
     ) -> Float[np.ndarray, "samples channels"]:
-        """All channels at some samples of a motion, without p with the parameters of the model that
-        it was made with, or the prior."""
+        """All channels at some samples of a motion; without p, with the parameters given at
+        construction or those of the prior."""
         return self._kernel.rows(z, qd, qdd, uniform=self._parameters(p))[0]
 
     @one_or_many("z", "qd", "qdd")

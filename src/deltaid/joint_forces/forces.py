@@ -1,4 +1,4 @@
-"""Worst-case forces of a model along a motion, with time, place and uncertainty, in one pass and
+"""Worst-case forces of a model along a motion, with time, pose and uncertainty, in one pass and
 constant memory."""
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -41,17 +41,17 @@ class Instant:
 
 @dataclass(frozen=True)
 class Worst:
-    """A force at the instant when it is worst.
+    """A force at the instant of its worst case.
 
     Attributes:
         part: strut, joint or bearing, such as 'strut1a' or 'motor2.moment.x'.
-        kind: 'tension' is the largest force along a strut and 'compression' the least one,
-            negative when it presses; 'socket' the least force that presses a strut onto its balls,
-            without springs; 'load' the component of a joint's force of largest size.
-        channel: its name among the channels, which says at which end of a strut.
+        kind: 'tension' is the largest force along a strut and 'compression' the least, negative if
+            it presses; 'socket' the least force that presses a strut onto its balls, without
+            springs; 'load' the component of a joint's force with the largest magnitude.
+        channel: name of its channel, which includes the end of a strut.
         unit: N or N m.
         value: the force.
-        at: when.
+        at: its instant.
     """
 
     part: str
@@ -64,7 +64,7 @@ class Worst:
 
 @dataclass(frozen=True)
 class Extremes:
-    """Least and largest value of every channel, with their times."""
+    """Least and largest value of every channel, with their samples."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -72,7 +72,7 @@ class Extremes:
     samples: Float[np.ndarray, "two channels columns"]
 
     def worst(self, part: str, kind: str, *channels: str) -> Worst:
-        """The worst of some channels, or for the kind 'load' the largest magnitude of one."""
+        """The worst value of some channels; for the kind 'load' the largest magnitude of one."""
         at = [self.names.index(name) for name in channels]
         sizes = np.abs(self.values[:, at[0]])
         side = int(sizes.argmax()) if kind == "load" else int(kind == "tension")
@@ -103,7 +103,7 @@ def extremes(forces: ConstraintForces, p: Parameters, motion: Iterable[SampleBlo
     return Extremes(forces.names, forces.units, values, samples)
 
 
-# Worst cases of a strut along it: the largest force and the least.
+# Worst cases of the force along a strut: the largest and the least.
 ALONG = ("tension", "compression")
 
 
@@ -119,7 +119,8 @@ def worst_cases(forces: ConstraintForces, extreme: Extremes) -> tuple[Worst, ...
     return (*cases, *(extreme.worst(x, "load", x) for x in loads if not x.endswith(".drive")))
 
 
-# Least distance of struts [m], whose most is their length; valid forces of springs [N].
+# Least spacing of struts [m], far below any joint (their length limits it above); limits of spring
+# forces [N], which only exclude wrong units.
 _NEAREST, _SPRINGS = 1e-6, (1e-6, 1e7)
 
 _WITHOUT_LOADS = Doubt(
@@ -127,9 +128,9 @@ _WITHOUT_LOADS = Doubt(
     cause="what the robot holds is no part of its model",
     cure="describe the load as a part of the tool, and compute the forces again",
 )
-# Of rows without forces.
+# Fix for rows without forces.
 _CURE = "begin and end the motion at rest, or write velocities and accelerations as well"
-# Sensors are knowledge of the fit that ranges do not use, so ranges are wider than necessary.
+# Ranges ignore sensors, which are evidence of the fit, so they are wider than necessary.
 _ASIDE = (
     "how far forces are known is determined by torques and measured values alone; what {} showed "
     "is in the model, and would make these ranges narrower"
@@ -138,12 +139,12 @@ _ASIDE = (
 
 @dataclass(frozen=True)
 class ForceFinding:
-    """A worst force and how far it is known.
+    """A worst force and its uncertainty.
 
     Attributes:
-        worst: which force, how large, when.
-        openness: what torques, however exact, leave open of it.
-        range: what is compatible with the recordings; None without them.
+        worst: the force and its instant.
+        openness: what torques leave undetermined, however exact they are.
+        range: values compatible with the recordings; None without recordings.
     """
 
     worst: Worst
@@ -156,12 +157,12 @@ class Forces(Shown, Plotted, Tabled, Reported):
     """Forces in struts, joints and bearings along a motion.
 
     Attributes:
-        model: whose parameters; its robot has the spacing and the springs that were given.
-        constraint_forces: what computes the forces.
+        model: with the given strut spacing and socket force in its robot.
+        constraint_forces: computes the forces.
         recording: the motion with its filter.
         findings: all worst cases.
         extremes: of all channels.
-        warnings: about the motion and about what forces rest on.
+        warnings: about the motion and the assumptions of the forces.
     """
 
     model: Model
@@ -172,13 +173,13 @@ class Forces(Shown, Plotted, Tabled, Reported):
     warnings: tuple[str, ...] = ()
 
     def over_time(self) -> Iterator[tuple[SampleBlock, Float[np.ndarray, "samples channels"]]]:
-        """Consecutive samples of the motion, each part with its forces."""
+        """Consecutive parts of the motion, each with its forces."""
         forces = self.constraint_forces
         for part in motion_of(self.recording, forces.kinematics):
             yield part, forces.evaluate(part.z, part.qd, part.qdd, self.model.p)
 
     def tables(self) -> Iterator[pl.DataFrame]:
-        """Forces over time, t and one column a channel, part by part."""
+        """Forces over time, t and one column per channel, part by part."""
         for part, values in self.over_time():
             yield pl.DataFrame([part.time, *values.T], ["t", *self.constraint_forces.names])
 
@@ -204,24 +205,25 @@ def forces(
     log_columns: ColumnMappings = None,
     progress: Watch = None,
 ) -> Forces:
-    """Constraint forces along a motion: worst cases, margins of ball joints, and what is known.
+    """Constraint forces along a motion: worst cases, margins of ball joints, and their uncertainty.
 
-    Some forces depend on parameters that no torque shows. With `logs` the least and largest value
-    that agrees with the recordings is found, else how far the prior leaves a force open.
+    Some forces depend on parameters that no torque determines. With `logs`, each force has its
+    least and largest value that is compatible with the recordings; otherwise, how far the prior
+    leaves it open.
 
     Args:
-        motion: a planned motion or a recording; it needs no torques.
+        motion: a planned motion or a recording; torques are not needed.
         logs: recordings that the model was identified from.
-        strut_spacing: of the limbs [m], if not described.
-        socket_force: that presses a strut's balls together [N], if not described.
-        columns: of the motion, if not the default ones.
+        strut_spacing: of the limbs [m], unless described.
+        socket_force: that presses a strut's balls into their sockets [N], unless described.
+        columns: mapping of the motion, unless it has the default columns.
         log_columns: the same for the recordings.
         progress: as of `identify`.
 
     Raises:
-        DescriptionError: limbs of one strut have neither spacing nor sockets.
-        RecordingError: a recording cannot be used, or the motion has no samples.
-        IdentificationError: the recordings determine no base parameters, or a range was not found.
+        DescriptionError: the limbs have one strut each, so neither spacing nor sockets.
+        RecordingError: a recording is invalid, or the motion has no samples.
+        IdentificationError: the recordings determine no base parameters, or no range was found.
     """
     positive("--socket-force", socket_force, _SPRINGS)
     known = with_struts(model, strut_spacing, socket_force)
@@ -265,11 +267,11 @@ def forces(
 
 
 def with_struts(model: ModelLike, spacing: float | None, socket_force: float | None) -> Model:
-    """A model whose robot has this strut spacing [m] and socket force [N].
+    """The model with this strut spacing [m] and socket force [N] in its robot.
 
     Raises:
-        DescriptionError: limbs of one strut have neither.
-        DeltaidError: struts are farther apart than they are long.
+        DescriptionError: the limbs have one strut each, so neither spacing nor sockets.
+        DeltaidError: the spacing or the force is out of limits.
     """
     model = load(model)
     limbs, asked = model.robot.limbs, {"strut_spacing": spacing, "socket_force": socket_force}

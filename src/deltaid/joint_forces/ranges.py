@@ -1,16 +1,16 @@
 """Range of a force that is compatible with recorded torques.
 
-A force is c·p. Recordings determine base parameters K p only, so c·p is known as well as c lies in
-the row space of K, and as well as the noise allows; the rest is up to the prior and to physical
-consistency. The range of c·p is its least and largest value over all consistent p with
+A force is c·p. Recordings determine base parameters K p only, so they determine c·p as far as c
+lies in the row space of K and noise allows; the prior and physical consistency bound the rest. The
+range of c·p is its least and largest value over all consistent p with
 
     ‖(Y p − τ)/σ_c‖²_W + ‖u‖² ≤ m² + 1.96²,
 
-where u are the unknowns in units of their prior's standard deviation (`joint_forces.unknowns`), m²
-the least value of the left side over consistent p, and σ_c the noise behind this very force, judged
-by the scatter of the recordings as for all intervals (`estimation.scatter`). Without active
-cones this is the 95 % interval of a Gaussian posterior. In coordinates v = R u − b, with the
-triangular R of data and prior, it is a linear function over a ball and cones (`ConsistentBall`).
+where u are the unknowns in standard deviations of their prior (`joint_forces.unknowns`), m² is the
+least value of the left side over consistent p, and σ_c is the noise level for this force, estimated
+from the scatter of the recordings as for all intervals (`estimation.scatter`). Without active cones
+this is the 95 % interval of a Gaussian posterior. In coordinates v = R u − b, with the triangular R
+of data and prior, c·p is a linear function over a ball and cones (`ConsistentBall`).
 """
 
 from collections.abc import Callable, Sequence
@@ -38,21 +38,21 @@ from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import open_recordings
 
-# A force of whose prior spread torques leave less than this share is determined: half the digits.
+# Share of its prior spread below which torques determine a force: half of the digits.
 _DETERMINED = np.sqrt(np.finfo(float).eps)
-# Unknowns that make up more than this share of an open force are named.
+# Share of an open force's variance from which an unknown is named.
 _NAMED = 0.05
 Coefficients = Float[np.ndarray, " parameters"]
 
 
 @dataclass(frozen=True)
 class Openness:
-    """The part of a force that torques, however exact, leave undetermined.
+    """The part of a force that torques leave undetermined, however exact they are.
 
     Attributes:
         half_width: half the width of its 95 % interval by the prior alone, without consistency
             [N or N m]; 0 if base parameters determine the force.
-        unknowns: entries that it comes from, the most important first.
+        unknowns: entries that cause it, the most important first.
     """
 
     half_width: float
@@ -80,7 +80,7 @@ class Determinacy:
     """The part of forces c·p that torques determine.
 
     Args:
-        model: robot, prior spread.
+        model: for its robot and prior spread.
         base: the combinations K p that torques determine.
     """
 
@@ -114,8 +114,8 @@ def evidence(
     """Evidence of recordings on a model's parameters, filtered as for its identification.
 
     Raises:
-        DescriptionError: the model comes from no recordings.
-        RecordingError: a log cannot be used, or is not one that the model comes from.
+        DescriptionError: the model was not identified from recordings.
+        RecordingError: a log is invalid, or the model was not identified from it.
         IdentificationError: the motion does not determine base parameters.
     """
     model = load(model)
@@ -149,9 +149,10 @@ def evidence(
 
 
 class Ranges:
-    """Ranges of forces c·p given recordings, including the identified value c·p.
+    """Ranges of forces c·p given recordings.
 
-    A fit may weigh its prior a little differently, so the range is widened to its result.
+    A fit may weigh its prior slightly differently, so ranges are widened to include the identified
+    value c·p.
     """
 
     def __init__(self, given: ForceEvidence, known: Determinacy, p: Parameters) -> None:
@@ -176,9 +177,9 @@ class Ranges:
     def _level(self, c_u: Float[np.ndarray, " n"]) -> float:
         """σ_c: white noise of this level makes the force as uncertain as the recorded noise does.
 
-        With the Hessian H of data and prior, noise moves c·u by c H⁻¹ (K A)ᵀ R_Bᵀ s, where s are
-        the scores of the base parameters' least squares (`scatter`) and R_B its root. Geometry
-        that is off moves it as scores R_B δp_B do.
+        With the Hessian H of data and prior, noise changes c·u by c H⁻¹ (K A)ᵀ R_Bᵀ s, where s are
+        the scores of the base parameters' least squares (`scatter`) and R_B its root. Errors of
+        geometry act like scores R_B δp_B.
         """
         U = (self._scores @ c_u)[:, None]
         if (size := float(np.linalg.norm(U))) == 0:
@@ -189,7 +190,7 @@ class Ranges:
 
     @cached_property
     def _scores(self) -> Float[np.ndarray, "base n"]:
-        """R_B K A H⁻¹, up to a factor."""
+        """R_B K A H⁻¹, up to a constant factor."""
         n = len(self._known.unknowns.names)
         root = triangle(np.vstack([self._data[:, :n] / self._white, np.eye(n)]))
         half = solve_triangular(root, np.eye(n))

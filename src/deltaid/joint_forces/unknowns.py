@@ -1,18 +1,18 @@
 """Parameters that are unknown before any recording, as p = A u + p_0.
 
 u has one variable for each unknown number: u ~ N(0, 1) a priori, and the bodies must be
-consistent. These are
+consistent. The unknowns are
 
-- the entries of pseudo-inertia matrices that the description leaves free, around its prior, and
-- the entries that it does not leave free and that *no torque shows*. Leaving these out costs a fit
-  of torques nothing, so it says nothing about them; constraint forces do depend on some. They are
-  around the prior before its reduction.
+- entries of pseudo-inertia matrices that the description leaves free, around its prior, and
+- other entries that *no torque shows*, around the prior before its reduction. A fit of torques
+  excludes them at no cost and so says nothing about them, but some constraint forces depend on
+  them.
 
-An entry that torques show and that is not free (products of inertia of a symmetric strut) is a
-statement of the description and stays; so does a body with `free: []`.
+An entry that is not free but affects torques (products of inertia of a symmetric strut) is a
+statement of the description and stays fixed; so does a body with `free: []`.
 
-Of a linear function of u the largest value over a ball and the cones of physical consistency is
-what ranges of forces are made of.
+Ranges of forces are the largest values of linear functions of u over a ball and the cones of
+physical consistency.
 """
 
 from dataclasses import dataclass
@@ -57,8 +57,8 @@ class ForceUnknowns:
 
     Attributes:
         names: of the variables, such as 'S.mcx' or 'EE.Szz'.
-        A, p_0: p = A u + p_0.
-        blocks: what must be positive semidefinite; every matrix has a unit diagonal at u = 0.
+        A, p_0: of p = A u + p_0.
+        blocks: matrices that must be positive semidefinite; each has a unit diagonal at u = 0.
     """
 
     names: tuple[str, ...]
@@ -73,9 +73,9 @@ def unknowns(
     """The unknowns of a described robot.
 
     Args:
-        visible: parameters that torques show.
-        spread: standard deviation of a diagonal entry M̄_ii or a coefficient as a share of its
-            prior, and of an off-diagonal entry as a share of √(M̄_ii M̄_jj).
+        visible: which parameters affect torques.
+        spread: standard deviation of a diagonal entry M̄_ii or a coefficient relative to its prior,
+            and of an off-diagonal entry relative to √(M̄_ii M̄_jj).
     """
     layout, p_0 = parameter_layout(robot), prior_parameters(robot)
     names, columns, blocks = list[str](), list[np.ndarray](), list[ConsistencyBlock]()
@@ -109,7 +109,7 @@ def _entries(
     reduced: Float[np.ndarray, " 10"],
     visible: Bool[np.ndarray, " 10"],
 ) -> tuple[Float[np.ndarray, "4 4"], list[str]]:
-    """A body's prior M̄, and which of its entries are unknown."""
+    """A body's prior M̄, and the names of its unknown entries."""
     free, to_p = robot.bodies[body].free, entry_map()
     M = pseudo_inertia(reduced)
     if not free:
@@ -123,12 +123,12 @@ def _entries(
     return M, [entry for (entry, _), is_hidden in entries if is_hidden or entry in free]
 
 
-# Solver tolerance, of values in standard deviations: half the digits.
+# Solver tolerance, relative to values in standard deviations: half of the digits.
 _TOLERANCE = float(np.sqrt(np.finfo(float).eps))
 
 
 class ConsistentBall:
-    """Consistent unknowns u with ‖R u − b‖² within the 95 % bound of the optimum."""
+    """Consistent unknowns u for which ‖R u − b‖² is within the 95 % bound of its optimum."""
 
     def __init__(self, data: Float[np.ndarray, "rows augmented"], unknown: ForceUnknowns) -> None:
         n, self._blocks = len(unknown.names), unknown.blocks
@@ -158,9 +158,9 @@ class ConsistentBall:
     def _solve(
         self, cost: Float[np.ndarray, " n"] | None, radius: float | None
     ) -> Float[np.ndarray, " n"]:
-        """The consistent v of least cost with ‖v‖ ≤ radius, or of least norm.
+        """The consistent v of least cost with ‖v‖ ≤ radius, or of least norm without a radius.
 
-        The last variable t bounds the norm.
+        The last variable, t, bounds the norm.
         """
         n = len(self._u)
         S = solve_triangular(self._R, np.eye(n))
