@@ -1,6 +1,6 @@
 """C99 code of a model: kinematics, inverse dynamics and the terms of (1), without dependencies.
 
-Parameters stand in one `static const` table, named and with units. Functions keep no state,
+Parameters are one `static const` table, with names and units. Functions keep no state,
 allocate nothing and return within a bounded number of operations.
 """
 
@@ -41,13 +41,13 @@ def function_texts(
     real, size = precision.c_type, sum(output.size for output in f.outputs)
     inputs = [(array.name, array.symbols.numel()) for array in f.arguments]
     outputs = [(output.name, output.size) for output in f.outputs]
-    if f.after:  # its own arguments, the pose that it computes, and what it passes on
+    if f.after:  # own arguments, the computed pose, and arguments passed on
         outputs = [("z", dof), ("tau", dof)]
     signature = [f"const {real} {name}[{n}]" for name, n in inputs]
     signature += [f"{real} {name}[{n}]" for name, n in outputs]
     handed = ["pose", *(name for name, _ in inputs if name != "q" or f.closing), "tau"]
     demands, first = list[tuple[int, int, str, str]](), size
-    for demand in f.demands:  # index of each output in the common result, and its number of entries
+    for demand in f.demands:  # index of each value in the common result, and number of its entries
         if n := demand.value.numel():
             demands.append((first, n, precision.c_number(demand.bound), demand.status))
         first += n
@@ -102,7 +102,7 @@ def _block(lines: list[str]) -> str:
 
 
 def cycle_texts(c: ExportedCycle, precision: Precision) -> dict[str, object]:
-    """The same for a cycle: three structs, indices of their fields, and its function."""
+    """Template variables of a cycle: three structs, indices of their fields, and its function."""
     graph = c.graph
     inputs, both = [Array("x", graph.x), Array("u", graph.u)], ca.vertcat(graph.following, graph.y)
     structs = {
@@ -130,8 +130,8 @@ def _fields(layout: Layout) -> list[tuple[str, int, int, str]]:
     ]
 
 
-# Standard headers, and those of an FMU, which a compiler with the folder on its path would confuse
-# with ours.
+# Standard headers, and those of an FMU: a compiler with the folder on its path would confuse ours
+# with them.
 _OTHER_HEADERS = (
     "assert", "complex", "ctype", "errno", "fenv", "float", "inttypes", "iso646", "limits",
     "locale", "math", "setjmp", "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio",
@@ -150,12 +150,12 @@ def c_code(
     """The C code of a model, source and header; its functions are named PREFIX_….
 
     Args:
-        further: names of functions beside those that every export has (`options.FURTHER`).
-        online: of the function of that name.
+        further: names of additional functions (`options.FURTHER`).
+        online: settings of the function of that name.
 
     Raises:
         DeltaidError: the prefix is no identifier of C, or the name of a standard header; or the
-            robot has not what a further function needs.
+            robot lacks what an additional function needs.
     """
     _require_name(prefix)
     robot, dof = subject.robot, subject.dynamics.dof
@@ -201,10 +201,10 @@ def _require_name(prefix: str) -> None:
 def accelerations(subject: Model, table: ParameterTable, *smooth: Array, sign: str = SIGN) -> str:
     """C text of `static void accelerations(z, qd, tau, …, qdd)`: M q̈ = τ − C q̇ − g − f.
 
-    NaN where M is not positive definite.
+    Results are NaN where M is not positive definite.
 
     Args:
-        smooth: further arguments.
+        smooth: additional arguments.
         sign: C expression of the sign of a speed {a}.
     """
     e, tau = subject.dynamics.equations, ca.SX.sym("tau", subject.dynamics.dof)

@@ -1,17 +1,17 @@
 """Python files of a model: numpy arrays in one .npz file, and a CasADi function.
 
-`numpy.load` opens the arrays without pickle. Everything is in SI units: rad or m, N m or N. Rows of
-`bodies`, `mass`, `com` and the tensors belong together; they are those of one body where several
-share its parameters.
+`numpy.load` opens the arrays without pickle. All quantities are in SI units: rad or m, N m or N.
+Equal rows of `bodies`, `mass`, `com` and the tensors belong to one body, or to several that share
+its parameters.
 
 The function is for optimisation and control in CasADi:
 
     f = casadi.Function.load("delta.casadi")
     tau = f(z=z, qd=qd, qdd=qdd)["tau"]
 
-Called with SX symbols, it is expanded and only what is used stays in the graph. Inputs are task
-coordinates z, drive velocities and accelerations, so it has no loops to close and derivatives of
-any order.
+A call with SX symbols expands it, and only what is used stays in the graph. Inputs are task
+coordinates z, drive velocities and accelerations, so no loop has to be closed and derivatives of
+any order exist.
 """
 
 import io
@@ -34,7 +34,7 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
     """
     robot, layout = subject.robot, subject.dynamics.layout
     bodies = [RigidBody(subject.body(name)) for name in layout.bodies]
-    # Bodies of the robot; some share one set of parameters.
+    # Bodies of the robot, some of which share parameters.
     moved = subject.dynamics.kinematics.mechanism.bodies
     limits = [robot.limits_of(drive) for drive in robot.drives]
     terms = robot.friction_terms
@@ -72,7 +72,7 @@ def model_arrays(subject: Model) -> dict[str, np.ndarray]:
 
 
 def npz_file(subject: Model) -> bytes:
-    """The same as the bytes of an .npz file."""
+    """The same arrays as the bytes of an .npz file."""
     file, arrays = io.BytesIO(), dict[str, Any](model_arrays(subject))
     np.savez(file, **arrays)
     return file.getvalue()
@@ -83,10 +83,10 @@ _OUTPUTS = ["q", "tau", "M", "C", "g", "f", "J"]
 
 
 def casadi_file(subject: Model) -> bytes:
-    """The bytes of a file for `casadi.Function.load`: a function of z, q̇ and q̈ to q, τ, the terms
-    of M q̈ + C q̇ + g + f = τ, and J = ∂q/∂z; SI units.
+    """The bytes of a file for `casadi.Function.load`: a function of z, q̇ and q̈ that returns q, τ,
+    the terms of M q̈ + C q̇ + g + f = τ, and J = ∂q/∂z; SI units.
 
-    The parameters are numbers in the graph. Friction that depends on load is in τ and not in f.
+    The parameters are numbers in the graph. Load-dependent friction is in τ but not in f.
     """
     e, q = subject.dynamics.equations, subject.dynamics.kinematics.mechanism.q
     terms = [ca.densify(term) for term in (q, e.torque, e.M, e.C, e.g, e.f, e.J)]

@@ -2,8 +2,8 @@
 
 Every step of a graph rounds its result. To first order, with w̄ the derivative of an output by the
 step's result w, rounding w to 24 bits changes the output by up to |w̄ w| 2⁻²⁴. Most steps have
-little effect. Near a singularity a few, which close the loops and invert the Jacobian, have a
-thousandfold effect; these are carried as sums of two floats (`text`). They are selected at states
+little effect. Near a singularity, the few that close the loops and invert the Jacobian have a
+thousandfold effect; these are stored as sums of two floats (`text`). They are selected at states
 from the whole workspace and beyond, up to a condition of the Jacobian of `CONDITION`.
 """
 
@@ -18,10 +18,11 @@ from jaxtyping import Float
 from deltaid.kernel.llvm_ir import steps_of
 from deltaid.model.model import Model
 
-# Largest condition of the Jacobian with accurate results, and largest effect of one rounding as a
-# share of an output's largest entry: roundings add up, though not all one way.
+# Largest condition of the Jacobian with accurate results; largest effect of one rounding relative
+# to an output's largest entry, small because roundings partly add up.
 CONDITION, SHARE = 100.0, 2e-7
-# Spread of states about the workspace's box, number of drawn poses, number of those kept.
+# Half size of the box of states over that of the workspace; number of drawn poses; number of those
+# kept.
 _BEYOND, _DRAWN, _KEPT = 2.5, 40_000, 80
 # Largest relative error of one rounding to float.
 _ROUNDING = float(np.finfo(np.float32).eps) / 2
@@ -38,9 +39,9 @@ class OutputPart:
     """Adjacent entries of a graph's output.
 
     Attributes:
-        size: how many.
-        like: name of the input whose largest entry their errors are counted by; empty for their
-            own largest entry, None where a float's digits do.
+        size: number of entries.
+        like: name of the input whose largest entry is the scale of their errors; empty for their
+            own largest entry, None where the precision of a float suffices.
     """
 
     size: int
@@ -62,12 +63,13 @@ class Care:
     ) -> frozenset[int]:
         """Instructions whose results need twice the digits.
 
-        What moves an output too far by its rounding, or by reading a pair as a float.
+        These are instructions that change an output too much if their result is rounded, or if they
+        read a pair as a float.
 
         Args:
             f: a graph with one output, a column.
             names: of its inputs.
-            parts: of the output; entries behind them need no more than a float's digits.
+            parts: of the output; entries after them need only the precision of a float.
         """
         if not any(part.like is not None for part in parts):
             return frozenset()
@@ -85,7 +87,7 @@ class Care:
     def _rows(
         self, steps: Sequence["_RoundedStep"], out: Mapping[int, int], parts: Sequence[OutputPart]
     ) -> list[tuple[int, np.ndarray]]:
-        """Instructions that make outputs, each with the largest entry to which errors relate."""
+        """Instructions that compute outputs, each with the scale of its error."""
         rows, end = list[tuple[int, np.ndarray]](), 0
         for part in parts:
             first, end = end, end + part.size
@@ -100,10 +102,10 @@ class Care:
 
 
 def care_for(subject: Model, table: str) -> Care:
-    """States of a model, from regular ones to a condition of `CONDITION`.
+    """States of a model, from regular ones up to a condition of `CONDITION`.
 
     Args:
-        table: name of the table of the parameters that are not zero.
+        table: name of the table of nonzero parameters.
     """
     kinematics, rng = subject.dynamics.kinematics, np.random.default_rng(0)
     z = _poses(subject, rng)
@@ -126,25 +128,25 @@ def _poses(subject: Model, rng: np.random.Generator) -> Float[np.ndarray, "state
     regularity = kinematics.regularity(z)
     side = np.sign(regularity.determinant) == np.sign(regularity.determinant[0])
     good = (regularity.condition < CONDITION) & side
-    good[0] = True  # home, so that there is at least one
+    good[0] = True  # home, so that at least one pose remains
     z, condition = z[good], regularity.condition[good]
     z = np.vstack([z[:_KEPT], z[np.argsort(condition)[::-1][:_KEPT]]])
     again, same = kinematics.forward_unchecked(kinematics.inverse(z))
     return z[same & ~(np.abs(again - z) > 1e-6).any(axis=1)]
 
 
-# Zero where an operation is undefined.
+# Replaces undefined and infinite values by zero.
 _finite = partial(np.nan_to_num, posinf=0.0, neginf=0.0)
 
 
 @dataclass(frozen=True)
 class _RoundedStep:
-    """An instruction at some states.
+    """An instruction, evaluated at some states.
 
     Attributes:
-        value: of its result.
-        reads: numbers of the instructions that it reads, and its slopes by them.
-        rounding: what rounding its result moves that by.
+        value: its result.
+        reads: indices of the instructions that it reads, each with the derivative by it.
+        rounding: change of the result by rounding it to a float.
     """
 
     op: int
@@ -156,7 +158,8 @@ class _RoundedStep:
 def _evaluated(
     f: ca.Function, states: Sequence[Float[np.ndarray, "_ states"]]
 ) -> tuple[list[_RoundedStep], dict[int, int]]:
-    """All steps of a graph, and the step behind each entry of the output."""
+    """All instructions of a graph with their values, and which one computes each entry of the
+    output."""
     steps, writer, out = list[_RoundedStep](), dict[int, int](), dict[int, int]()
     for k, (op, read, to, constant) in enumerate(steps_of(f)):
         value = rounding = np.zeros(states[0].shape[1])
@@ -181,7 +184,7 @@ def _evaluated(
 def _shares(
     steps: Sequence[_RoundedStep], rows: Sequence[tuple[int, np.ndarray]]
 ) -> tuple[list[float], list[list[float]]]:
-    """Effect on outputs of rounding each instruction's result, and what it reads, as a share of the
+    """Effect on outputs of rounding each instruction's result, and what it reads, relative to the
     largest entry."""
     own, read = [0.0] * len(steps), [[0.0] * len(step.reads) for step in steps]
     moved = [
@@ -203,14 +206,14 @@ def _shares(
 
 
 def _operation(op: int, args: list[np.ndarray]) -> list[np.ndarray]:
-    """Value of an operation and its slopes by its operands, state by state."""
+    """Value of an operation and its derivatives by the operands, for each state."""
     if op in _SIMPLE:
         return _SIMPLE[op](*args)
     results = _with_slopes(op, len(args), args[0].size).call([ca.DM(x) for x in args])
     return [np.asarray(x).ravel() for x in results]
 
 
-# The most frequent operations, without the detour through CasADi.
+# The most frequent operations, in NumPy for speed.
 _ONE = np.ones(1)
 _SIMPLE: Mapping[int, Callable[..., list[np.ndarray]]] = {
     ca.OP_ADD: lambda a, b: [a + b, _ONE, _ONE],
@@ -223,7 +226,7 @@ _SIMPLE: Mapping[int, Callable[..., list[np.ndarray]]] = {
 
 @cache
 def _with_slopes(op: int, count: int, size: int) -> ca.Function:
-    """An operation on columns, with its derivatives by its operands."""
+    """An operation on columns, with its derivatives by the operands."""
     x = [ca.SX.sym("x", size) for _ in range(count)]
     value = ca.SX.unary(op, x[0]) if count == 1 else ca.SX.binary(op, *x)
     slopes = [ca.densify(ca.jtimes(value, variable, ca.SX.ones(size))) for variable in x]

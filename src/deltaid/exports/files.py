@@ -34,7 +34,7 @@ from deltaid.progress import Progress, Watch, watched
 
 @dataclass(frozen=True)
 class Written:
-    """Files of an export, and approximations that the target makes."""
+    """Files of an export, and warnings about approximations of its target."""
 
     paths: tuple[Path, ...]
     warnings: tuple[str, ...]
@@ -45,11 +45,11 @@ class Choices:
     """Options of a target.
 
     Attributes:
-        precision: of the numbers of code.
-        functions: names of further functions of code.
-        online: of the function of that name.
-        fmi: version of the standard, of a unit.
-        progress: called with each stage of what takes long.
+        precision: of the numbers in code.
+        functions: names of additional functions in code.
+        online: settings of the function of that name.
+        fmi: version of the FMI standard.
+        progress: called with each slow stage.
     """
 
     precision: Precision = DOUBLE
@@ -64,14 +64,14 @@ Kind = Literal["code", "unit", "model"]
 
 @dataclass(frozen=True)
 class ExportTarget:
-    """One form of a model.
+    """One target format of a model.
 
     Attributes:
-        suffixes: ends of the names of its files, the one asked for first.
-        build: its content for a subject, the name of the file without its end, and choices.
-        kind: which choices there are: precision and functions of code, the version of a unit.
-        addition: what follows the robot's name in a file's name that was not given.
-        longest: letters of the robot's name there, at most.
+        suffixes: endings of its files' names, the one that a user gives first.
+        build: makes its content from a model, the file's name without ending, and the options.
+        kind: which options apply: precision and functions to code, the FMI version to a unit.
+        addition: text after the robot's name in a file name that is not given.
+        longest: largest number of letters of the robot's name there.
     """
 
     suffixes: tuple[str, ...]
@@ -124,18 +124,17 @@ def _require(kind: Kind, name: TargetName, what: str, option: str) -> None:
 
 
 def output_path(target: TargetName, robot: str, output: str | Path) -> Path:
-    """The file to write, where a folder may be given: an existing one, or a name that ends in a
-    slash.
+    """The file to write, for a file or a folder: an existing one, or a name that ends in a slash.
 
     Raises:
-        DeltaidError: there is no name, or it has another end than the target's.
+        DeltaidError: the name is empty, or its ending is not that of the target.
     """
     if not str(output).strip():
         cure = "give a file, or a folder with a slash at its end; ./ is this one"
         raise DeltaidError("is an empty name", where="--output", cure=cure)
     form, folder, output = TARGETS[target], str(output).endswith(("/", os.sep)), Path(output)
     suffix = form.suffixes[0]
-    if folder or os.path.isdir(output):  # a valid identifier: a letter first
+    if folder or os.path.isdir(output):  # a valid identifier begins with a letter
         name = re.sub(r"[^A-Za-z0-9]+", "_", robot).strip("_") or "robot"
         name = name if name[0].isalpha() else f"robot_{name}"
         return output / f"{name[: form.longest].rstrip('_')}{form.addition}{suffix}"
@@ -163,30 +162,29 @@ def export(
     fmi: str | int = "2",
     progress: Watch = None,
 ) -> Written:
-    """Write a model in some target's form, all files or none.
+    """Write a model in the format of a target, all files or none.
 
     Args:
         model: a model or a robot, by value, name or file.
         to: the target, such as "c", "mjcf" or "fmu".
-        output: a file, or a folder to hand over: files named after the robot, with a README, test
-            vectors, and for code a program that runs these. The name of a folder that is not there
-            yet ends in a slash.
+        output: a file; or a folder to hand over, with files named after the robot, a README, test
+            vectors, and for code a program that runs them. The name of a new folder ends in a
+            slash.
         inputs: files that must not be overwritten.
-        payload: what the tool holds all the time: a mass [kg], or the name of a load that the
-            model was identified with.
-        without_friction: leave all friction out.
-        plain_friction: the nearest viscous and Coulomb friction in place of further terms, as MJCF
-            and URDF need it; a warning says how near.
-        single: code in single precision (float, REAL).
-        functions: further functions of code: `constraint-forces`, `passive-joints`, `regressor`,
-            `online`; a list, or words with commas between them.
-        online: what the function of that name is made for; 1000 cycles a second if None.
-        fmi: version of the standard, of a unit.
-        progress: a function that is called with each stage; True and False show it or not.
+        payload: permanent load of the tool: a mass [kg], or the name of a load that the model was
+            identified with.
+        without_friction: exclude all friction.
+        plain_friction: replace additional friction terms by the nearest viscous and Coulomb
+            friction, as MJCF and URDF require; a warning states the error.
+        single: write code in single precision (float, REAL).
+        functions: additional functions of code: `constraint-forces`, `passive-joints`, `regressor`,
+            `online`; a list, or words separated by commas.
+        online: settings of the function of that name; 1000 cycles a second if None.
+        fmi: version of the FMI standard.
+        progress: a function that is called with each stage; True or False to show it or not.
 
-    Raises:
-        DeltaidError: there is no such target or function, it cannot hold the model, or a file
-            cannot be written.
+    Raises: DeltaidError: the target or a function does not exist, the target cannot represent the
+    model, or a file cannot be written.
     """
     if str(to) not in TARGETS:
         raise unknown(to, TARGETS, "target", "export")
@@ -239,7 +237,7 @@ def export(
     with together():
         for part, content in zip(paths, (*made.parts.values(), *beside.values()), strict=True):
             write_bytes(part, content if isinstance(content, bytes) else content.encode())
-    notes = []  # what additional functions lack for this robot
+    notes = []  # limitations of additional functions for this robot
     if "constraint-forces" in further:
         notes.append(ConstraintForces(subject.robot).note)
     if "online" in further and subject.identified is None:
@@ -249,16 +247,16 @@ def export(
     return Written(tuple(paths), (*warnings, *made.warnings, *filter(None, notes)))
 
 
-# Of a model whose drives take another number for a torque.
+# Warning for models whose drives' commands differ from the torques at the joints.
 _AT_JOINTS = "torques are those at the joints, and not what this robot's drives are commanded"
 _GAINS = "the identification found gains of the drives"
 
 
 def _holding(model: Model, payload: str | float) -> Model:
-    """A model with a permanent load at its tool: one by its name, or kilograms.
+    """A model with a permanent load at its tool: a named one, or a point mass in kg.
 
     Raises:
-        DeltaidError: it is neither, or no mass that a robot carries.
+        DeltaidError: the payload is neither a known name nor a plausible mass.
     """
     names = [held.name for held in model.identified.loads] if model.identified else []
     if isinstance(payload, str) and payload in names:

@@ -1,11 +1,10 @@
-"""Geometry of a calibrated printer in the numbers of its firmware: Klipper, Marlin, RepRapFirmware.
+"""Geometry of a calibrated printer as settings of its firmware: Klipper, Marlin, RepRapFirmware.
 
-All three hold one radius, and a rod, an angle and an endstop a tower; towers stand upright on the
-bed. Of that model the best is taken, least squares of positions over the workspace, whatever the
-firmware's axes x and y are turned and shifted by; z is the height above the probed bed. What it
-cannot hold is stated. With tower i's joint p_i + √(l_i² − R²) above the bed where its endstop
-triggers (nozzle at p_i were all towers like it),
-
+All three have one radius, and a rod length, an angle and an endstop for each tower; towers are
+vertical to the bed. Their settings are the least-squares fit of positions over the workspace, with
+free rotation and shift of the firmware's x and y axes; z is the height above the probed bed. The
+residual is reported. With p_i + √(l_i² − R²) the height of tower i's joint above the bed when its
+endstop triggers (p_i is the nozzle's height if all towers are equal),
     Klipper         position_endstop of each stepper is p_i
     RepRapFirmware  M665 H is the mean of p, M666 is p_i − H
     Marlin          M665 H is the least p, M666 is H − p_i: how far a carriage backs off
@@ -20,16 +19,17 @@ from deltaid.calibration.outlook import drawn
 from deltaid.errors import DeltaidError
 from deltaid.exports.text import rendered
 
-# Largest angle of upright rails to the vertical [rad]; the fit of the other numbers corrects it.
+# Largest angle of rails to the vertical [rad]; the fit of the other settings compensates it.
 _UPRIGHT = 0.02
 _KINDS = ("rail_across", "zero", "strut")
 
 
 def firmware_text(calibration: Calibration, firmware: str) -> tuple[str, float]:
-    """Lines for klipper, marlin or reprap, and the residual of their model of a printer [m].
+    """Lines for klipper, marlin or reprap, and the residual of their printer model [m].
 
     Raises:
-        DeltaidError: it is no linear Delta that a firmware could run, or its bed was not probed.
+        DeltaidError: the robot is no linear Delta that the firmware supports, or its bed was not
+            probed.
     """
     robot, known, limbs = (
         calibration.described,
@@ -54,7 +54,7 @@ def firmware_text(calibration: Calibration, firmware: str) -> tuple[str, float]:
     q = drawn(loops.kinematics, loops.limbs)
     x, slopes = loops.points(q, np.zeros(n))
     J, arms = slopes.reshape(-1, n), x - x.mean(axis=0)
-    # a turn that levels the bed; shifts and turns in its plane are free
+    # A rotation that levels the bed; rotation about its normal and shifts along it are free.
     level = np.cross([-b, a, 0.0], x).ravel()
     plane = [np.tile(axis, len(arms)) for axis in np.eye(3)[:2]]
     free = np.column_stack([*plane, np.cross([0.0, 0.0, 1.0], arms).ravel()])

@@ -1,14 +1,14 @@
 """A model as a functional mock-up unit (FMI 2 or 3) from C sources, for co-simulation and model
 exchange.
 
-Two units: the robot itself, torques in and motion out (`forward`), and its inverse dynamics, motion
-in and torques out (`inverse`). Both hold their sources; where a compiler is found, libraries as
-well, so that nothing has to be compiled where the unit is used (`fmu_binaries`).
+The two units are the robot itself, with torques as inputs and motion as outputs (`forward`), and
+its inverse dynamics, with motion as inputs and torques as outputs (`inverse`). Both contain their
+sources; if a compiler is found, also libraries, so that users need not compile (`fmu_binaries`).
 
-The robot's states are z and q̇: ż = J⁻¹ q̇, so no loop can drift. In co-simulation the unit goes by
-the time steps of `ForwardDynamics.step`, with friction at rest exact. Model exchange asks for q̈ as
-a function of the state, which friction at rest is not: there M q̈ = τ − C q̇ − g − f, and the sign
-of a speed v in friction is tanh(v / friction_speed), for integrators that take no steps in forces.
+The robot's states are z and q̇: ż = J⁻¹ q̇, so loops cannot drift. In co-simulation the unit takes
+the time steps of `ForwardDynamics.step`, with exact friction at rest. Model exchange needs q̈ as a
+function of the state, which friction at rest is not: there M q̈ = τ − C q̇ − g − f, and the sign of
+a speed v in friction is tanh(v / friction_speed), for integrators without steps of forces.
 """
 
 import io
@@ -33,7 +33,7 @@ from deltaid.model.model import Model
 from deltaid.progress import Progress
 from deltaid.robot.limits import UNITS
 
-# Default speed [rad/s or m/s] below which Coulomb friction vanishes.
+# Default speed [rad/s or m/s] below which Coulomb friction fades to zero.
 FRICTION_SPEED = 0.01
 
 _HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
@@ -52,9 +52,9 @@ class FmuVariable:
 
     Attributes:
         causality: 'input', 'output', 'parameter', 'local', or 'independent' for the time.
-        start: value before the first step; None for what is calculated.
+        start: value before the first step; None for calculated variables.
         derivative_of: name of the variable that it is the derivative of.
-        needs: names of the inputs and states that it follows from without delay; None for all.
+        needs: names of the inputs and states that it directly depends on; None for all.
     """
 
     name: str
@@ -67,7 +67,7 @@ class FmuVariable:
 
     @property
     def settable(self) -> bool:
-        """Whether its value comes from outside or from the integrator."""
+        """Whether its value is set from outside or by the integrator."""
         return self.start is not None
 
 
@@ -76,7 +76,7 @@ class Variables:
     """All variables of a unit.
 
     Attributes:
-        groups: in their order, by the names that the C code gives them.
+        groups: in order, by their names in the C code.
         states: number of continuous states.
     """
 
@@ -109,7 +109,7 @@ def _per_drive(
     starts: Sequence[float] = (),
     needs: tuple[str, ...] | None = None,
 ) -> tuple[FmuVariable, ...]:
-    """A variable a drive, with its number in the description, and units from the drive's."""
+    """One variable per drive, with the drive's number in its description and the drive's units."""
     units = [unit.format(x).replace(" ", ".") for x in subject.robot.drive_units.values()]
     return tuple(
         FmuVariable(f"{name}{i}", causality, x, words.format(i), start, needs=needs)
@@ -121,7 +121,8 @@ _EFFORT = ("torque or force of drive {} at the joint", "{0.force}")
 
 
 def forward_variables(subject: Model) -> Variables:
-    """The robot: torques and payload in, motion out; z and then q̇ are the states."""
+    """The robot: inputs are torques and payload, outputs the motion; z and then q̇ are the
+    states."""
     speed = FmuVariable(
         "friction_speed", "parameter", "",
         "rad/s or m/s below which dry friction fades in model exchange; co-simulation is exact",
@@ -152,7 +153,7 @@ def forward_variables(subject: Model) -> Variables:
 
 
 def inverse_variables(subject: Model) -> Variables:
-    """Inverse dynamics: the drives' motion in, torques and pose out; no states."""
+    """Inverse dynamics: inputs are the drives' motion, outputs torques and pose; no states."""
     home = subject.dynamics.kinematics.inverse(subject.home[None])[0].tolist()
     still = [0.0] * len(home)
     kinds = {"q": ("", "coordinate", home), "qd": ("/s", "speed", still),
@@ -171,7 +172,7 @@ def inverse_variables(subject: Model) -> Variables:
     return Variables({**groups, "TAU": _per_drive(subject, "tau", "output", *_EFFORT), "Z": z})
 
 
-# Units by name, as powers of SI base units.
+# Units as powers of SI base units.
 _UNITS: dict[str, dict[str, str]] = {
     "s": {"s": "1"},
     "rad": {"rad": "1"},
@@ -194,12 +195,12 @@ def model_description(
     variables: Variables,
     version: FmiVersion,
 ) -> str:
-    """The text of modelDescription.xml; places count from 1 in FMI 2, from 0 in FMI 3.
+    """The text of modelDescription.xml; indices count from 1 in FMI 2, from 0 in FMI 3.
 
     Args:
         name: the model identifier.
-        provenance: where the numbers come from.
-        token: what ties the description to its binaries.
+        provenance: origin of the numbers.
+        token: identifies the unit in the description and in its binaries.
         sources: names of the C files.
     """
     outputs = [v for v in variables.all if v.causality == "output"]
@@ -238,10 +239,10 @@ def fmu(
     compiler: Compiler | None = None,
     progress: Progress = lambda _: None,
 ) -> Export:
-    """A model as a unit, with a warning of what is missing; its model identifier is `name`.
+    """A model as a unit whose model identifier is `name`; warns if libraries are missing.
 
     Args:
-        compiler: what makes its libraries; default: what `found_compiler` finds.
+        compiler: makes the libraries; default: that of `found_compiler`.
         progress: called before each library.
 
     Raises:
@@ -262,7 +263,7 @@ def fmu(
         variables=variables.all,
         quantities=quantities(subject),
     )
-    if version == "3":  # in place of a list of files
+    if version == "3":  # replaces the list of files of FMI 2
         build = rendered_xml("build.xml.jinja", name=name, files=files)
         texts["sources/buildDescription.xml"] = xml_text(build, _HEAD)
     archive = io.BytesIO()
@@ -307,7 +308,7 @@ def _sources(
 def _functions(subject: Model, table: ParameterTable) -> dict[str, str]:
     """ż, accelerations, and the functions of `ForwardDynamics.step`, as C text."""
     e, forward, payload = subject.dynamics.equations, subject.forward, list[Array]()
-    if name := subject.robot.load_carrier:  # a mass at its origin
+    if name := subject.robot.load_carrier:  # the payload is a point mass at the carrier's origin
         p, mass = ca.SX(table.p), ca.SX.sym("payload")
         p[subject.layout.body(name).start] += mass
         table, payload = replace(table, p=p), [Array("payload", mass)]

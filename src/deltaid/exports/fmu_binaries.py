@@ -1,10 +1,10 @@
 """Shared libraries of a functional mock-up unit, for all supported systems.
 
-Zig's compiler, a wheel, links for other systems, so one export serves all of them, including much
-older versions of Linux. Any other compiler makes the library of this machine.
+The compiler of Zig, installed as a wheel, links for other systems, so one export covers them all,
+including much older versions of Linux. Any other compiler makes the library of this machine.
 
-FMI 2 has folder names for x86 only; others are those of FMI 3. Macs of either kind may look into
-`darwin64`, depending on the tool, so its library has the code of both.
+FMI 2 defines folder names for x86 only; the others are those of FMI 3. Some tools look into
+`darwin64` on both kinds of Macs, so its library has code for both.
 """
 
 import os
@@ -24,12 +24,12 @@ from deltaid.exports.options import FmiVersion
 from deltaid.parallel import ordered
 from deltaid.progress import Progress
 
-# No fused multiply-add, so that processors agree except in `math.h`.
+# No fused multiply-add, so that results agree between processors except in `math.h`.
 _OPTIONS = ("-std=c99", "-O1", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
-# No traps for undefined behaviour, which Zig sets, and no stack probe on Windows, which a stack of
-# some kilobytes does not need.
+# Without Zig's traps for undefined behaviour, and without a stack probe on Windows, which a stack
+# of some kilobytes does not need.
 _OF_ZIG = ("-fno-sanitize=undefined", "-mno-stack-arg-probe")
-# An empty entry point on Windows replaces the system's start-up code, which would take Zig a
+# An empty entry point on Windows replaces the system's start-up code, which Zig would compile for a
 # minute.
 _START_ON_WINDOWS = """
 int __stdcall DllMainCRTStartup(void *library, unsigned long reason, void *reserved)
@@ -45,14 +45,14 @@ _OF_WINDOWS = tuple(f"-lapi-ms-win-crt-{x}-l1-1-0" for x in ("math", "private", 
 
 @dataclass(frozen=True)
 class System:
-    """A kind of machine.
+    """A platform: operating system and processor.
 
     Attributes:
         name: in words.
-        folder: of its library in FMI 3; in FMI 2 `folder_2`, where that has a name of its own.
+        folder: of its library in FMI 3, and in FMI 2 unless `folder_2` is given.
         suffix: of its libraries.
-        target: what Zig calls it, with the oldest C library that it is to run with.
-        needs: libraries that are there on all such machines.
+        target: its name for Zig, with the oldest supported C library.
+        needs: libraries that all such machines have.
     """
 
     name: str
@@ -79,9 +79,9 @@ class Compiler:
     """A compiler of shared libraries.
 
     Attributes:
-        command: how it begins.
-        systems: what it compiles for.
-        is_zig: whether it compiles for any of them, and needs the target as an option.
+        command: beginning of its command line.
+        systems: platforms that it compiles for.
+        is_zig: whether it compiles for any platform, and needs the target as an option.
     """
 
     command: tuple[str, ...]
@@ -92,7 +92,7 @@ class Compiler:
         """A shared library from C files.
 
         Raises:
-            OSError: it did not compile; with the compiler's first line.
+            OSError: the compiler failed; with the first line of its messages.
         """
         library, files = f"{name}{system.suffix}", dict(sources)
         if self.is_zig and system.suffix == ".dll":
@@ -131,7 +131,7 @@ class Compiler:
 
 
 def found_compiler() -> Compiler | None:
-    """Zig for all systems, else this machine's own compiler; None without either."""
+    """Zig for all platforms, else this machine's own compiler; None if neither is installed."""
     if find_spec("ziglang") is not None:
         return Compiler((sys.executable, "-m", "ziglang", "cc"), SYSTEMS, is_zig=True)
     return own_compiler()
@@ -190,8 +190,9 @@ def _placed(name: str, made: Mapping[System, bytes], version: FmiVersion) -> dic
 def universal(libraries: Sequence[bytes]) -> bytes:
     """One Mach-O file with the code of several processors.
 
-    A head of big-endian words: a magic number, how many; for each processor its kind and subkind,
-    which each library begins with, offset, size, and the power of two that offsets are aligned to.
+    The head has big-endian words: a magic number and the number of processors; for each processor
+    its type and subtype, copied from the library's head, then offset, size, and alignment of
+    offsets as a power of two.
     """
     power = 14  # pages of 16 KiB, as on ARM
     offset, head, body = 1 << power, struct.pack(">II", 0xCAFEBABE, len(libraries)), b""
@@ -203,7 +204,7 @@ def universal(libraries: Sequence[bytes]) -> bytes:
 
 
 def _missing(made: Sequence[System], why: str) -> str:
-    """A sentence on systems without a library; empty if there are none."""
+    """A warning that names platforms without a library; empty if there are none."""
     if not (missing := [system.name for system in SYSTEMS if system not in made]):
         return ""
     seen = "the unit holds sources only"

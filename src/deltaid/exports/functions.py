@@ -1,6 +1,6 @@
 """Exported functions, independent of the language.
 
-C and structured text are generated from a table of these (`model_functions.code_parts`). Every
+C and structured text are generated from a list of these (`model_functions.code_parts`). Every
 function returns a status, and leaves its outputs unchanged unless that is OK. The parameters of a
 model are a table of named numbers, which the graphs read.
 """
@@ -30,12 +30,12 @@ STATUSES: Mapping[str, tuple[int, str]] = {
 
 @dataclass(frozen=True)
 class Output:
-    """A result.
+    """An output of a function.
 
     Attributes:
         name: of the argument.
         value: its expression; a matrix is written row by row.
-        entries: what each entry is, where that is not plain: name and unit.
+        entries: name and unit of each entry, if they need an explanation.
     """
 
     name: str
@@ -54,8 +54,8 @@ class Demand:
 
     Attributes:
         value: the numbers.
-        bound: which they must exceed.
-        status: what is returned where one does not, or is NaN.
+        bound: that they must exceed.
+        status: returned if one does not, or is NaN.
     """
 
     value: ca.SX
@@ -69,11 +69,11 @@ class Newton:
 
     Attributes:
         x: symbols of the output.
-        gap: what must vanish [m, rad].
+        gap: residual that must vanish [m, rad].
         step: Φ_x⁻¹ Φ.
-        steps: of them at most.
+        steps: largest number of steps.
         last: gap from which one more step is the last.
-        closed: gap at which it counts as found.
+        closed: gap below which the solution is accepted.
     """
 
     x: ca.SX
@@ -90,7 +90,7 @@ class Newton:
 
     @property
     def parts(self) -> list[OutputPart]:
-        """Gaps and steps as output parts: a step may err as the output may."""
+        """Gaps and steps as output parts: the error of a step is scaled by the output."""
         return [OutputPart(self.gap.numel(), None), OutputPart(self.x.numel(), "x")]
 
 
@@ -101,14 +101,14 @@ class ExportedFunction:
     Attributes:
         name: without the prefix.
         doc: what it computes, for the header; lines below 90 characters.
-        inputs: with their symbols; the table of parameters is in scope and no argument.
-        outputs: functions of the inputs. With `newton`, of x and the inputs.
-        demands: checked in their order.
-        newton: how the only output is found, where no formula has it.
-        unfit: status where an output is not finite.
-        after: name of a function of z that is called with the pose found from q first; such a
-            function has no outputs of its own here.
-        closing: whether that function takes q beside z.
+        inputs: with their symbols; the table of parameters is global and no argument.
+        outputs: functions of the inputs; with `newton`, of x and the inputs.
+        demands: checked in this order.
+        newton: computes the only output, if no formula does.
+        unfit: status if an output is not finite.
+        after: name of a function of z that is called with the pose of q; the outputs are then those
+            of that function, and none are listed here.
+        closing: whether that function takes q in addition to z.
     """
 
     name: str
@@ -123,7 +123,7 @@ class ExportedFunction:
 
     @property
     def arguments(self) -> tuple[Array, ...]:
-        """Inputs that are arguments."""
+        """Inputs that are arguments, without tables."""
         return tuple(array for array in self.inputs if not array.is_table)
 
     @property
@@ -138,8 +138,8 @@ class ExportedFunction:
         return [OutputPart(output.size) for output in self.outputs]
 
     def entry_notes(self, rows: str) -> list[str]:
-        """Meaning of each entry of the outputs, where it is not plain; `rows` says of how many rows
-        {} the entries are."""
+        """Meaning of each entry of the outputs, if it needs an explanation; `rows` is a text about
+        the number {} of rows that the entries describe."""
         notes = []
         for output in self.outputs:
             if output.entries:
@@ -157,14 +157,13 @@ class ExportedFunction:
 
 @dataclass(frozen=True, eq=False)
 class ExportedCycle:
-    """A function that is called once a cycle, with a state of named fields.
+    """A function that is called once per cycle, with a state of named fields.
 
     Attributes:
         name: without the prefix.
-        doc: what it does, for the header.
-        graph: state, inputs and outputs, each a struct; the last output is 0 where the cycle was
-            good.
-        spoilt, spoilt_y: next state and outputs where an input is no finite number.
+        doc: its purpose, for the header.
+        graph: state, inputs and outputs, each a struct; the last output is 0 if the cycle was good.
+        spoilt, spoilt_y: next state and outputs if an input is not finite.
     """
 
     name: str
@@ -176,7 +175,7 @@ class ExportedCycle:
 
 @dataclass(frozen=True)
 class ParameterTable:
-    """Parameters that are not zero: names, units and values, and p with symbols for them."""
+    """Nonzero parameters: names, units and values, and p with symbols for them."""
 
     rows: list[tuple[str, str, str]]
     array: Array
@@ -184,7 +183,7 @@ class ParameterTable:
 
 
 def parameter_table(subject: Model, name: str, precision: Precision = DOUBLE) -> ParameterTable:
-    """The parameters of a model as a C table, without those that are zero."""
+    """The nonzero parameters of a model as a C table."""
     layout, kept = subject.dynamics.layout, np.flatnonzero(subject.p)
     symbols, p = ca.SX.sym("p", len(kept)), ca.SX.zeros(subject.p.size)
     p[kept.tolist()] = symbols
@@ -196,5 +195,5 @@ def parameter_table(subject: Model, name: str, precision: Precision = DOUBLE) ->
 
 
 def note_of(field: Field) -> str:
-    """Meaning of a field of a cycle, with its unit."""
+    """Meaning of a cycle's field, with its unit."""
     return f"{field.doc} [{field.unit}]" if field.unit else field.doc

@@ -1,5 +1,5 @@
 """Files that accompany an export in a folder: a README, test vectors, and for code a program that
-runs them."""
+runs these."""
 
 from collections.abc import Sequence
 
@@ -14,8 +14,8 @@ from deltaid.kernel.batch import BLOCK
 from deltaid.mechanism.one_or_many import numbered
 from deltaid.model.model import Model
 
-# Number of vectors, largest distance from the middle of the workspace as a share of it, and largest
-# condition of the Jacobian.
+# Number of vectors; largest distance from the middle of the workspace as a share of its half size;
+# largest condition of the Jacobian.
 _COUNT, _SHARE, _CONDITION = 100, 0.7, 30.0
 States = Float[np.ndarray, "states dof"]
 # Largest speeds and accelerations [rad/s, rad/s² or m/s, m/s²].
@@ -23,8 +23,8 @@ _SPEED, _ACCELERATION = 2.0, 10.0
 
 
 def reference_states(subject: Model, precision: Precision) -> dict[str, States]:
-    """z, q, qd, qdd and the package's own tau of reproducible states all over the workspace, in the
-    precision of the code, one state a row."""
+    """z, q, qd, qdd and the package's own tau at reproducible states all over the workspace, in the
+    precision of the code, one state per row."""
     kinematics, rng, turn = (
         subject.dynamics.kinematics,
         np.random.default_rng(0),
@@ -53,8 +53,8 @@ def handover(
     """Texts by file name.
 
     Args:
-        stem: of the names of the export's own files, and of the functions of code.
-        files: these names.
+        stem: beginning of the names of the export's files, and of functions in code.
+        files: names of the export's files.
         precision: of code.
     """
     states = reference_states(subject, precision)

@@ -1,6 +1,6 @@
 # JAX is an extra, so a machine that checks types may lack it.
 # pyright: reportMissingImports=false
-"""A model as JAX functions: the same graphs, to differentiate, vectorise and compile."""
+"""A model as JAX functions: its graphs, ready to differentiate, vectorise and compile."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,21 +26,21 @@ else:
 
 @dataclass(frozen=True, eq=False)
 class JaxFunctions(Named):
-    """A model's functions for one sample each, compiled by `jax.jit`; `jax.vmap` makes them many.
+    """A model's functions of one sample each, compiled by `jax.jit`; `jax.vmap` vectorises them.
 
-    They are pure functions of arrays, so `jax.grad`, `jax.jacfwd`, `jax.vmap` and `jax.jit` take
+    They are pure functions of arrays, so `jax.grad`, `jax.jacfwd`, `jax.vmap` and `jax.jit` accept
     them. Numbers are float32 unless doubles are enabled (`jax.config.update("jax_enable_x64",
-    True)`). Arrays that are not of one sample's shape raise a KinematicsError when a function is
-    traced; where a pose is out of reach, results are NaN.
+    True)`). Arrays of another shape than one sample's raise a KinematicsError when a function is
+    traced; if a pose is out of reach, results are NaN.
 
-    The last argument `p` is optional, by default the model's own; given, results can be
-    differentiated by it. Its order is that of `model.layout.names`.
+    The last argument `p` is optional and by default the model's own; results can be differentiated
+    by a given p. Its order is that of `model.layout.names`.
 
     Attributes:
         p: the model's parameters.
         home: z of the home pose.
-        forward_kinematics: q → z, NaN where the loops do not close in the described working mode;
-            its derivative is exact, however z was found.
+        forward_kinematics: q → z, NaN if the loops do not close in the described working mode; its
+            derivative is exact.
         inverse_kinematics: z → q.
         jacobian: z → J = ∂q/∂z.
         task_velocity: z, q̇ → ż = J⁻¹ q̇.
@@ -75,7 +75,7 @@ def jax_functions(model: ModelLike) -> JaxFunctions:
         model: a model or a robot, by value, name or file.
 
     Raises:
-        DeltaidError: JAX is not installed, or there is no such model.
+        DeltaidError: JAX is not installed, or the model does not exist.
     """
     require("jax", by="jax_functions", name="JAX", install="pip install jax")
     import jax

@@ -2,11 +2,11 @@
 # pyright: reportMissingImports=false
 """A CasADi SX function as a JAX function: its instruction list in operations of jax.numpy.
 
-JAX traces the list once for each shape and compiles what comes out; so nothing here is run at a
-call under `jax.jit`. All of JAX's transformations see plain operations.
+JAX traces the list once for each shape of the arguments and compiles the result, so under `jax.jit`
+no call runs this Python code. All of JAX's transformations see plain operations.
 
-Forward kinematics z(q) is one more: closed form, or Newton's method along a line from home. Its
-derivative is T = ∂z/∂q of the closed loops, so neither is differentiated.
+Forward kinematics z(q) is a closed form, or Newton's method along a line from home. Its derivative
+is T = ∂z/∂q of the closed loops, so neither of them is differentiated.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,12 +27,12 @@ Operation = Callable[..., jax.Array]
 
 
 def _truth(condition: Operation) -> Operation:
-    """CasADi's truth values are the numbers 1 and 0."""
+    """A comparison that returns 1 or 0, as CasADi represents truth values."""
     return lambda *args: jnp.where(condition(*args), 1.0, 0.0)
 
 
-# Functions of C's library with another name in jax.numpy, or none; C's remainder rounds the
-# quotient to the nearest, Python's down.
+# Functions of the C library with another name in jax.numpy, or none; C's remainder rounds the
+# quotient to nearest, Python's rounds it down.
 _LIBM: dict[str, Operation] = {
     "asin": jnp.arcsin,
     "acos": jnp.arccos,
@@ -80,12 +80,12 @@ _OPERATIONS: dict[int, Operation] = {
 
 
 def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
-    """A function of vectors, one for each input, with the output as a matrix, or a vector.
+    """A function of vectors, one for each input, that returns the output as a matrix or a vector.
 
-    The function raises a KinematicsError for arrays of other shapes, which JAX would not.
+    The function raises a KinematicsError for arrays of other shapes, which JAX would accept.
 
     Raises:
-        NotImplementedError: the graph has an operation that no kernel has either.
+        NotImplementedError: the graph has an operation that the kernels lack too.
     """
     dense = ca.densify(output)
     rows, columns = dense.shape
@@ -125,12 +125,12 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
     return function
 
 
-# Residual below which loops are closed where numbers are shorter than doubles, in their roundings.
+# Largest residual of closed loops in single precision, in units of its rounding.
 _ROUNDINGS = 100.0
 
 
 def forward_kinematics(mechanism: Mechanism, home: np.ndarray) -> Operation:
-    """z(q); NaN where no loop closes or a limb is in its other working mode."""
+    """z(q); NaN if a loop does not close or a limb is in its other working mode."""
     form = mechanism.forward
     find = _by_newton(mechanism, home) if form is None else _closed_form(mechanism, form)
     T = as_jax([mechanism.z], mechanism.speeds.inverse_jacobian)

@@ -1,7 +1,7 @@
 """Appearance of a robot in simulators: simple massless shapes on the bodies of its tree.
 
-Joints, ends of arms and struts, seats and the tool are to scale; undescribed dimensions (thickness,
-width, the base) are in proportion to the length of the struts.
+Joints, ends of arms and struts, seats and the tool are to scale; dimensions that are not described
+(thickness, width, the base) are in proportion to the length of the struts.
 """
 
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ COLOURS: dict[str, tuple[float, float, float, float]] = {
 
 @dataclass(frozen=True)
 class NamedShape:
-    """A shape on a body of the tree, in its link frame; on '' in the world."""
+    """A shape on a body of the tree, in its link frame; the body '' is the world."""
 
     body: str
     name: str
@@ -39,7 +39,7 @@ class NamedShape:
 
 @dataclass(frozen=True)
 class Rod(NamedShape):
-    """A cylinder from one point to another, with round ends where it can have them."""
+    """A cylinder between two points, with round ends where the format allows them."""
 
     start: Vector
     end: Vector
@@ -68,7 +68,7 @@ Shape = Rod | Ball | BoxShape
 
 
 def thickness(subject: Model) -> float:
-    """Length that all thicknesses scale with: that of the longest strut [m]."""
+    """The length that all thicknesses are proportional to: the longest strut [m]."""
     return max(limb.strut for limb in subject.robot.limb_geometry)
 
 
@@ -78,7 +78,7 @@ def strut_radius(subject: Model) -> float:
 
 
 def shapes(subject: Model, tree: Tree) -> tuple[Shape, ...]:
-    """All but the struts, each on a body of the tree, in its link frame; '' is the world."""
+    """All shapes but the struts, each on a body of the tree, in its link frame; '' is the world."""
     s = thickness(subject)
     parts = [*_platform(subject, tree, s), *_ends_of_struts(tree, s), *_tool(tree, s)]
     for n, limb in enumerate(subject.robot.limb_geometry, 1):
@@ -176,7 +176,7 @@ def _tool(tree: Tree, s: float) -> Iterator[Shape]:
 
 
 def _telescope(subject: Model, s: float) -> Iterator[Shape]:
-    """Both halves of the bar, as long as they fit."""
+    """Both halves of the telescopic bar, as long as they may be."""
     if (bar := subject.robot.telescope) is not None:
         way = np.subtract(bar.base_joint, subject.home[:3] + bar.platform_joint)
         length = 0.97 * (bar.stroke[0] if bar.stroke else 0.6 * float(np.linalg.norm(way)))

@@ -1,10 +1,10 @@
 """A model as MJCF: the spanning tree with MuJoCo's equality constraints as loops.
 
 The model's initial pose (qpos0) is the home pose with closed loops, and `ref` makes joint
-coordinates those of deltaid, so an arm is level at zero. Shapes have neither mass nor contacts:
-inertia is that of the `inertial` elements alone.
+coordinates equal to those of deltaid, so an arm at zero is level. Shapes have neither mass nor
+contacts: inertia is that of the `inertial` elements alone.
 
-Drawn models are a folder of such files, for programs that train or test on many robots.
+Drawn models become a folder of such files, for programs that train or test on many robots.
 """
 
 import csv
@@ -33,8 +33,8 @@ from deltaid.model.model import Model
 from deltaid.model.samples import Samples
 from deltaid.robot.inertia import RigidBody
 
-# Step [s]. MuJoCo's constraints are springs with dampers: the time constant is the smallest at this
-# step, and the impedance leaves 1e-4 of a rigid joint's force.
+# Time step [s]. MuJoCo's constraints are springs with dampers: their time constant is the smallest
+# at this step, and the impedance leaves 1e-4 of the force to the compliance.
 _STEP = 0.001
 _SOLREF, _SOLIMP = (2 * _STEP, 1.0), (0.9999, 0.9999, 0.001)
 
@@ -43,7 +43,7 @@ def mjcf(subject: Model) -> str:
     """The text of an MJCF file.
 
     Raises:
-        DeltaidError: the mechanism is the user's own, or its friction has terms that MuJoCo lacks.
+        DeltaidError: the mechanism is user-defined, or its friction has terms that MuJoCo lacks.
     """
     tree, forces = spanning_tree(subject), joint_forces(subject, "MJCF")
     home, drawn = tree.joint_coordinates(subject.home), shapes(subject, tree)
@@ -77,7 +77,7 @@ def mjcf(subject: Model) -> str:
         camera=partial(_camera, centre, size),
     )
     moved = [joint.get("name", "") for joint in root.iterfind("worldbody//joint")]
-    for key in root.iter("key"):  # coordinates as MuJoCo counts them
+    for key in root.iter("key"):  # in the order of MuJoCo's joints
         key.set("qpos", numbers(home[name] for name in moved))
     return xml_text(root, comment=subject.provenance)
 
@@ -89,10 +89,10 @@ def _inertial(body: TreeBody) -> dict[str, Float[np.ndarray, " _"] | float]:
 
 
 def _needs_mount(body: TreeBody, R: Float[np.ndarray, "3 3"]) -> bool:
-    """Whether a frame that is fixed in the parent has to carry the body's pose.
+    """Whether an additional frame, fixed in the parent, must have the body's pose.
 
-    MuJoCo counts all joints of a body in the body's frame. Drake makes a body of each joint and has
-    all of them but the last in the parent's frame, so these two frames must be one.
+    MuJoCo defines all joints of a body in the body's frame. Drake makes a body of each joint and
+    defines all joints but the last in the parent's frame, so these two frames must be equal.
     """
     turned = not np.array_equal(R, I)
     return len(body.joints) > 1 and (turned or not all(j.slides for j in body.joints[:-1]))
@@ -113,8 +113,8 @@ def _at_home(
 
 
 def _extent(subject: Model, drawn: Iterable[Shape]) -> tuple[Vector, float, float]:
-    """Middle of base, elbows and workspace with a margin, the diagonal, and the height of the floor
-    below [m]."""
+    """Middle of base, elbows and workspace with a margin, their diagonal [m], and the height of the
+    floor below [m]."""
     s, rods = thickness(subject), [shape for shape in drawn if isinstance(shape, Rod)]
     limbs, box = subject.robot.limb_geometry, subject.robot.workspace.bounding_box
     points = [limb.base + (limb.upper_arm or 0.1 * s) * limb.R_WL[:, 0] for limb in limbs]
@@ -132,7 +132,7 @@ def _light(centre: Vector, size: float, away: tuple[float, ...]) -> dict[str, Ve
 def _camera(
     centre: Vector, size: float, way: tuple[float, ...], far: float
 ) -> dict[str, Float[np.ndarray, " _"]]:
-    """A camera that looks at the middle with world z upwards; it sees along its own −z."""
+    """A camera directed at the middle, with world z upwards; it looks along its own −z."""
     away = far * size * np.array(way) / np.linalg.norm(way)
     back = away / np.linalg.norm(away)
     right = np.cross([0.0, 0.0, 1.0], back)
@@ -141,13 +141,12 @@ def _camera(
 
 
 def write_ensemble(samples: Samples, folder: str | Path) -> Path:
-    """Write a new folder with a file a model, and an index of files and parameters.
+    """Write a new folder with one file per model, and an index of files and parameters.
 
-    The folder appears with all files in it, or not at all.
+    The folder appears with all its files, or not at all.
 
     Raises:
-        DeltaidError: there is such a folder, it cannot be written, or MJCF lacks what the robot
-            has.
+        DeltaidError: the folder exists or cannot be written, or MJCF cannot represent the robot.
     """
     digits = len(str(len(samples)))
     with (

@@ -1,7 +1,7 @@
-"""Functions of exported code: kinematics, inverse and forward dynamics, (1); optionally those of
-`--with constraint-forces,passive-joints,regressor,online`.
+"""Functions of exported code: kinematics, inverse and forward dynamics, the terms of (1);
+optionally those of `--with constraint-forces,passive-joints,regressor,online`.
 
-Everything is a function of task coordinates z, which forward kinematics solves once a cycle, so a
+All are functions of task coordinates z, which forward kinematics computes once per cycle, so a
 controller that needs torque, mass matrix and gravity closes the loops only once.
 """
 
@@ -34,10 +34,10 @@ from deltaid.model.model import Model
 from deltaid.online.cycle import standard_parts, step_graph
 from deltaid.online.settings import IDENTIFY_FIRST, OnlineSettings
 
-# Settings of exported online functions by default.
+# Default settings of exported online functions.
 DEFAULT = OnlineSettings()
-# Most Newton steps: four from some millimetres away; what has not converged after these is far away
-# or has no solution.
+# Largest number of Newton steps. Four suffice from some millimetres away; without convergence after
+# this number the start is far away, or there is no solution.
 _NEWTON_STEPS = 20
 
 
@@ -48,16 +48,16 @@ def code_parts(
     further: tuple[str, ...],
     online: OnlineSettings,
 ) -> tuple[ParameterTable, list[ExportedFunction], list[ExportedCycle], Care | None]:
-    """Parts of code in any language: the table of parameters; functions, callers after callees;
-    functions with a state; and where digits are doubled.
+    """Parts of code in any language: the table of parameters; functions, each after those it calls;
+    functions with a state; and the states that decide where digits are doubled.
 
     Args:
         table: name of the table.
-        further: names of functions beside those that every export has, in any order.
-        online: of the function of that name.
+        further: names of additional functions, in any order.
+        online: settings of the function of that name.
 
     Raises:
-        DeltaidError: there is no function of such a name, or the robot has not what it needs.
+        DeltaidError: a function does not exist, or the robot lacks what it needs.
     """
     if strange := [name for name in further if name not in FURTHER]:
         raise unknown(strange[0], FURTHER, "further function", "--with")
@@ -175,8 +175,8 @@ def bias(subject: Model, e: Equations) -> ca.SX:
 def acceleration(subject: Model, e: Equations, tau: ca.SX) -> ca.SX:
     """q̈(z, q̇, τ, p): M q̈ = τ − C q̇ − g − f by Cholesky's method.
 
-    In one piece with all that M and the forces share; NaN where M is not positive definite.
-    Friction that depends on load takes its share of what gears carry.
+    One graph shares all common terms of M and the forces. Results are NaN where M is not positive
+    definite. Load-dependent friction takes its share of the torques that gears carry.
     """
     robot = subject.robot
     losing = [robot.drives.index(drive) for drive in robot.load_drives]
@@ -246,11 +246,11 @@ NO_CONTACT = Doubt(
 def online_cycle(subject: Model, settings: OnlineSettings) -> ExportedCycle:
     """One cycle: payload, friction and, for an identified model, contact.
 
-    What becomes of the state where an input is no finite number follows from the graph itself: NaN
-    in place of inputs folds to constants whatever depends on them.
+    The state after a cycle with an input that is not finite follows from the graph itself: with NaN
+    as inputs, everything that depends on them becomes a constant.
 
     Raises:
-        DeltaidError: settings and robot do not fit each other.
+        DeltaidError: settings and robot are incompatible.
     """
     more = standard_parts(subject)
     graph = step_graph(subject, settings, more)

@@ -1,11 +1,11 @@
 """Nearest viscous and Coulomb friction, for programs without other friction terms.
 
-Along a random motion within the robot's limits, torques at the drives of further terms, τ_f, are
+Along a random motion within the robot's limits, drive torques τ_f of additional terms are
 
     τ_f ≈ Σ_J Y_viscous.J a_J + Y_coulomb.J b_J,   least squares over a, b ≥ 0
 
-over the joints J that have such terms. Speeds and loads of the motion decide what is near.
-Coefficients of joints are there for programs with such friction (`joint_forces`).
+over the joints J that have such terms, so speeds and loads of the motion weigh the approximation.
+`joint_forces` has the coefficients of joints for programs with viscous and Coulomb friction.
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ _PLAIN = ("viscous", "coulomb")
 
 
 def further_terms(model: Model) -> Iterator[FrictionTerm]:
-    """Terms beyond viscous and Coulomb friction with a coefficient other than zero."""
+    """Terms beyond viscous and Coulomb friction with a nonzero coefficient."""
     for term in model.robot.friction_terms:
         if term.kind not in _PLAIN and model.value(term.name):
             yield term
@@ -54,7 +54,7 @@ def joint_forces(subject: Model, target: str) -> dict[str, JointForces]:
     """Coefficients of the joints of a description.
 
     Args:
-        target: whose only friction is viscous·v + coulomb·sign(v); for messages.
+        target: name of a format that has only viscous·v + coulomb·sign(v), for messages.
 
     Raises:
         DeltaidError: a joint's friction law has other terms.
@@ -81,11 +81,11 @@ def joint_forces(subject: Model, target: str) -> dict[str, JointForces]:
 
 
 def plain_friction(model: Model) -> tuple[Model, tuple[str, ...]]:
-    """The model with the nearest viscous and Coulomb friction in place of further terms, and how
-    near it is; without such terms the model itself.
+    """The model with the nearest viscous and Coulomb friction in place of additional terms, and the
+    error in words; without such terms the model itself.
 
     Raises:
-        KinematicsError: the described limits leave no room for a motion.
+        KinematicsError: the described limits allow no motion.
     """
     joints = list(dict.fromkeys(term.joint for term in further_terms(model)))
     if not joints:

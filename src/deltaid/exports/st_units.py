@@ -2,14 +2,14 @@
 as one XML file of PLCopen (TC6), which development systems import.
 
 Controllers may stop on a division by zero or the root of a negative number, where C continues with
-NaN. So operands are checked first, and the function returns with its present status. Both branches
-of a choice are always computed, and choices avoid invalid operands; so an operand that matters in
-one branch only is replaced by zero where it is invalid. Expressions have one operation each and
-use functions of the standard's first edition only (ATAN2 is a function of the file's own).
+NaN. So operands are checked first, and the function returns its current status if one is invalid.
+Both branches of a choice are always computed; an operand that matters in one branch only is
+replaced by zero if it is invalid. Expressions have one operation each and use functions of the
+standard's first edition only (ATAN2 is defined in the file).
 
-The standard allows global constants in configurations only, and inputs and outputs of named array
+The standard allows global constants in configurations only, and array inputs and outputs of named
 types only. So arrays have named types, and tables are functions. Arrays that a function reads are
-its VAR_IN_OUT: nothing is copied, and MATIEC has no other way to pass them.
+VAR_IN_OUT: nothing is copied, and MATIEC has no other way to pass them.
 """
 
 import math
@@ -35,7 +35,7 @@ class Variable:
     Attributes:
         name, type: as in the text.
         note: a comment.
-        size: of an array, whose type has a name and counts from 0.
+        size: of an array, whose type has a name and whose index begins at 0.
     """
 
     name: str
@@ -49,12 +49,12 @@ class Unit:
     """A function or a function block.
 
     Attributes:
-        name: of it.
-        result: type of what a function returns; empty for a function block.
+        name: of the unit.
+        result: type of a function's result; empty for a function block.
         notes: what it does, lines of comment.
-        inputs, outputs, own: its variables; a function leaves its inputs as they are.
+        inputs, outputs, own: its variables; a function does not change its inputs.
         body: statements.
-        scratch: names of further numbers, many.
+        scratch: names of many more local numbers.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Unit:
 
     @property
     def sections(self) -> list[tuple[str, str, Sequence[Variable]]]:
-        """Its variables by what they are, in words of the text and of the XML."""
+        """Its variables by section, with the section's names in the text and in the XML."""
         return [
             ("VAR_INPUT", "inputVars", [v for v in self.inputs if not (self.result and v.size)]),
             ("VAR_IN_OUT", "inOutVars", [v for v in self.inputs if self.result and v.size]),
@@ -87,9 +87,9 @@ class PlcProgram:
     """Functions and function blocks of a model.
 
     Attributes:
-        prefix: what all names begin with.
+        prefix: beginning of all names.
         notes: comments at the head.
-        units: functions and blocks, those that are called first.
+        units: functions and blocks, called ones before their callers.
         real: type of numbers.
         declared: sizes of arrays whose types are declared elsewhere.
     """
@@ -102,7 +102,7 @@ class PlcProgram:
 
     @property
     def types(self) -> dict[str, int]:
-        """Types of arrays and how many entries they have, the smallest first."""
+        """Names and sizes of array types, the smallest first."""
         variables = (v for unit in self.units for v in (*unit.inputs, *unit.outputs, *unit.own))
         sizes = {v.type: v.size for v in variables if v.size not in (0, *self.declared)}
         return dict(sorted(sizes.items(), key=lambda item: item[1]))
@@ -123,7 +123,7 @@ class PlcProgram:
 
     @property
     def xml(self) -> str:
-        """An XML file for development systems."""
+        """An XML file of PLCopen for development systems."""
         return rendered(
             "program.xml.jinja",
             prefix=self.prefix,
@@ -137,19 +137,19 @@ class PlcProgram:
 
 
 def in_lines(names: Sequence[str], real: str) -> str:
-    """A declaration of many numbers, wrapped."""
+    """A declaration of many numbers, wrapped into lines."""
     text = f"{', '.join(names)}\0:\0{real};"
     lines = textwrap.fill(text, initial_indent="    ", subsequent_indent="        ")
     return lines.replace("\0", " ")
 
 
 def comments(notes: Sequence[str]) -> list[str]:
-    """Comments, one a line; long ones are wrapped."""
+    """Comments, one per line, with long ones wrapped."""
     return [comment(line) for note in notes for line in textwrap.wrap(note)]
 
 
 def comment(text: str) -> str:
-    """A comment of plain letters that terminates properly."""
+    """A comment in ASCII, in which the text cannot end it."""
     apart = re.sub(r"([(*)])(?=[(*)])", r"\1 ", plain_letters(text))
     return f"(* {apart} *)"
 
@@ -194,7 +194,7 @@ _FORMS = {
 }
 
 
-# The condition that must not hold, then the result.
+# The condition for an invalid operand, then the result.
 _GUARDED = {
     ca.OP_SQRT: ("{a} < 0.0", "SQRT({a})"),
     ca.OP_ASIN: ("ABS({a}) > 1.0", "ASIN({a})"),
@@ -203,7 +203,7 @@ _GUARDED = {
     ca.OP_DIV: ("ABS({b}) < {least}", "{a} / {b}"),
     ca.OP_INV: ("ABS({a}) < {least}", "1.0 / {a}"),
 }
-# Calls of the file's own functions (`structured_text`); subtraction adds the negative.
+# Calls of functions in the same file (`structured_text`); subtraction adds the negative.
 _PAIRED = {
     ca.OP_ADD: ("pair_sum", "{a}", "{r}", "{b}", "{s}"),
     ca.OP_SUB: ("pair_sum", "{a}", "{r}", "-{b}", "-{s}"),
@@ -215,7 +215,7 @@ _PAIRED = {
     ca.OP_SIN: ("pair_sine", "{a}", "{r}", "0.0"),
     ca.OP_COS: ("pair_sine", "{a}", "{r}", "1.0"),
 }
-# The rest first: the target may be what is read.
+# The rest is assigned first: the target may be an operand.
 _EXACT = {
     ca.OP_ASSIGN: "{v} := {r}; {w} := {a};",
     ca.OP_NEG: "{v} := -{r}; {w} := -{a};",
@@ -228,7 +228,7 @@ _EXACT = {
     ),
 }
 _POWERS = (ca.OP_POW, ca.OP_CONSTPOW)
-# MATIEC refuses literals of LREAL that a REAL cannot hold; nothing of a robot is so small.
+# MATIEC refuses literals of LREAL that a REAL cannot hold; no robot has numbers so small.
 _SMALLEST = float(np.finfo(np.float32).tiny)
 
 
@@ -236,9 +236,8 @@ _SMALLEST = float(np.finfo(np.float32).tiny)
 class StructuredText(Dialect):
     """Statements of structured text.
 
-    Attributes:
-        precision: of its numbers.
-        prefix: of names of functions of the file's own.
+    precision: of its numbers.
+    prefix: of the names of functions in the same file.
     """
 
     precision: Precision
@@ -267,7 +266,7 @@ class StructuredText(Dialect):
         )
 
     def _bad(self, op: int, a: str, b: str) -> str:
-        """The condition that its operands must not meet; empty for a constant other than zero."""
+        """The condition for an invalid operand; empty for a nonzero constant."""
         if op not in _GUARDED or b[0] in "(0123456789":
             return ""
         return _GUARDED[op][0].format(a=a, b=b, least=literal(self.precision, self.precision.least))
@@ -291,14 +290,15 @@ class StructuredText(Dialect):
 
 
 def _one_sign(text: str) -> str:
-    """-(-0.5) as 0.5, and zero without a sign."""
+    """-(-0.5) as 0.5, and zero without sign."""
     if text.startswith("-(-"):
         return text[3:-1]
     return "0.0" if text == "-0.0" else text
 
 
 def plain(precision: Precision, x: float) -> str:
-    """A number with digits on both sides of its point; no number but 0 is too small for a REAL."""
+    """A number with digits on both sides of its point; nonzero numbers stay within a REAL's
+    range."""
     if x and abs(x) < _SMALLEST:
         x = math.copysign(_SMALLEST, x)
     digits, _, exponent = precision.digits(x).partition("e")
@@ -306,13 +306,13 @@ def plain(precision: Precision, x: float) -> str:
 
 
 def literal(precision: Precision, x: float) -> str:
-    """The same for expressions: in parentheses where it has a sign."""
+    """The number in an expression: in parentheses if it has a sign."""
     text = plain(precision, x)
     return f"({text})" if text.startswith("-") else text
 
 
 def _power(target: str, base: str, exponent: str) -> list[str]:
-    """A power; a negative base takes small whole exponents only."""
+    """Statements for a power; a negative base takes small integer exponents only."""
     whole = exponent.removesuffix(".0")
     if whole.isdigit() and 0 < int(whole) <= 8:
         return [f"{target} := {' * '.join([base] * int(whole))};"]

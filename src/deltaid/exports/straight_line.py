@@ -2,8 +2,8 @@
 
 The code works on the numbered slots of the graph's instruction list: `w17 = w3*w4;`. Slots are a
 few hundred local numbers, so a function needs a small, fixed stack and has no state. Results that
-need more digits than a float has are sums of two, `w17` and the rest `r17` (`digits`). A dialect
-defines the statements: that of C is here, that of structured text in `st_units`.
+need more digits than a float has are sums of two numbers, `w17` and the rest `r17` (`digits`). A
+dialect defines the statements: that of C is here, that of structured text in `st_units`.
 """
 
 import textwrap
@@ -40,7 +40,7 @@ _C_FORMS = {
     **{op: f"{name}{{f}}({{a}})" for op, name in _ONE.items()},
     **{op: f"{name}{{f}}({{a}}, {{b}})" for op, name in _TWO.items()},
 }
-# Result and rest of operations without rounding.
+# Result and rest of operations that do not round.
 _C_EXACT = {
     ca.OP_ASSIGN: ("{a}", "{r}"),
     ca.OP_NEG: ("-{a}", "-{r}"),
@@ -50,7 +50,7 @@ _C_EXACT = {
 }
 
 
-# Functions of templates/pairs.c.jinja; subtraction adds with the other sign.
+# Functions of templates/pairs.c.jinja; subtraction adds the negative.
 _PAIRED = {
     ca.OP_ADD: "pair_sum({a}, {r}, {b}, {s}",
     ca.OP_SUB: "pair_sum({a}, {r}, -{b}, -{s}",
@@ -66,7 +66,7 @@ _PAIRED = {
 
 @dataclass(frozen=True)
 class Array:
-    """An input of a function: its name and its symbols. A table is no argument, but in scope."""
+    """An input of a function: its name and its symbols. A table is global and no argument."""
 
     name: str
     symbols: ca.SX
@@ -77,25 +77,25 @@ SIGN = "(double)(({a} > 0.0) - ({a} < 0.0))"
 
 
 class Dialect(ABC):
-    """Syntax of a language for the steps of a graph; values are texts."""
+    """Syntax of a language for the steps of a graph; values are expressions as text."""
 
     @abstractmethod
     def number(self, x: float) -> str:
-        """A constant in the text."""
+        """A constant as text of the language."""
 
     @abstractmethod
     def operation(self, target: str, op: int, args: list[str], needed: bool) -> list[str]:
         """Statements that assign the result of an operation to a variable.
 
         Args:
-            needed: whether the result matters whatever the graph's choices are.
+            needed: whether the result matters in every branch of the graph.
         """
 
     @abstractmethod
     def doubled(
         self, targets: tuple[str, str], op: int, args: list[tuple[str, str]], needed: bool
     ) -> list[str]:
-        """The same for a result that is the sum of two numbers, as operands may be."""
+        """Statements for a result that is the sum of two numbers, as operands may be."""
 
 
 def body(
@@ -110,13 +110,13 @@ def body(
     variables that they write, and the names of the inputs that they read.
 
     Args:
-        care: what decides which steps need twice the digits; None if no step does.
-        parts: of the column, whose errors count.
+        care: selects the steps that need twice the digits; None for none.
+        parts: of the column, with the scales of their errors.
     """
     f = ca.Function("f", [array.symbols for array in inputs], ca.cse([ca.densify(expression)]))
     names = [array.name for array in inputs]
     twice = frozenset[int]() if care is None else care.pairs(f, names, parts)
-    # Content of a slot: its own name, an input's entry or a number, and its rest.
+    # Content of a slot: its own name, an input's entry or a number, and the rest of a sum.
     value: dict[int, tuple[str, str]] = {}
     lines, used, slots, needed = list[str](), set[str](), set[str](), _needed(f)
     for k, (op, read, written, x) in enumerate(steps_of(f)):
@@ -146,8 +146,8 @@ def in_order(slots: Iterable[str]) -> list[str]:
 
 
 def _needed(f: ca.Function) -> list[bool]:
-    """Whether the result of each instruction matters in every branch of the graph, from the last
-    one on."""
+    """Whether the result of each instruction matters in every branch of the graph, determined from
+    the last instruction backwards."""
     needed, slots = [False] * f.n_instructions(), dict[int, bool]()
     for k, (op, read, written, _) in reversed(list(enumerate(steps_of(f)))):
         if op in (ca.OP_CONST, ca.OP_INPUT):
@@ -179,8 +179,8 @@ def straight_line(
         care, parts: as of `body`.
 
     Raises:
-        NotImplementedError: the graph has an operation that no kernel has either, which no
-            mechanism can be built with (`kernel.llvm_ir.operations_unknown`).
+        NotImplementedError: the graph has an operation that the kernels lack too, so no mechanism
+            can contain it (`kernel.llvm_ir.operations_unknown`).
     """
     (out_name, expression), real = output, precision.c_type
     dense = ca.vec(ca.densify(expression).T)
@@ -225,7 +225,7 @@ class _C(Dialect):
         if op in _PAIRED:
             return [f"    {target} = {_PAIRED[op].format(**named)}, &{rest});"]
         first, second = (part.format(**named) for part in _C_EXACT[op])
-        # The rest first: the target may be what is read.
+        # The rest is assigned first: the target may be an operand.
         return [f"    {rest} = {second};", f"    {target} = {first};"]
 
 

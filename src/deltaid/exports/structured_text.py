@@ -1,9 +1,9 @@
 """IEC 61131-3 structured text of a model: the functions of the C export, as one file.
 
-Functions return a status and have their results as outputs, which are valid only where it is OK.
+Functions return a status and have their results as outputs, which are valid only if it is OK.
 Functions that keep the pose z or a state between cycles are function blocks. No floating-point
-exception occurs, which would stop some controllers (`st_units`): inputs too large for any robot are
-refused, and divisors and radicands are checked.
+exception occurs, because some controllers would stop (`st_units`): inputs that are too large for
+any robot are refused, and divisors and radicands are checked.
 """
 
 import re
@@ -35,19 +35,19 @@ from deltaid.model.model import Model
 from deltaid.online.graph import Field, Layout
 from deltaid.online.settings import OnlineSettings
 
-# Largest coordinate, rate, acceleration or torque in SI units, whose squares and products are far
-# from overflow in either precision; and largest result.
+# Largest coordinate, rate, acceleration or torque in SI units, far enough below overflow for
+# squares and products in either precision; and largest result.
 _LARGEST_INPUT, _LARGEST_RESULT = 1e6, 1e30
-# Sizes below which a product's rest underflows a REAL, and above which splitting overflows.
+# Size below which a product's rest underflows a REAL, and above which splitting overflows.
 _SMALL, _LARGE = 1e-20, 1e25
-# Adding and subtracting it rounds to integers.
+# Adding and then subtracting this number rounds to an integer.
 _WHOLE = 1.5 / float(np.finfo(np.float32).eps)
 _STATUSES = {
     **STATUSES,
     "BAD_INPUT": (5, f"an input is NaN, infinite or above {_LARGEST_INPUT:g}"),
 }
-# Functions for numbers that are the sum of two, as templates/pairs.c.jinja has them, one operation
-# a statement, so that each is rounded to a REAL: what they compute, and their variables.
+# Functions for numbers that are the sum of two, as in templates/pairs.c.jinja, with one operation
+# per statement, so that each is rounded to a REAL: their purpose, and their variables.
 _PAIRS = {
     "missing": ("a b - p without rounding, p being near a b.", "a b p", "", "ah al bh bl e t"),
     "sum": ("a + b.", "a da b db", "dc", "s v e t c"),
@@ -60,7 +60,7 @@ _PAIRS = {
 
 @dataclass(frozen=True)
 class Writer:
-    """Units of a model; their statements are those of templates/bodies.st.jinja."""
+    """Maker of a model's units, whose statements are those of templates/bodies.st.jinja."""
 
     subject: Model
     prefix: str
@@ -68,7 +68,7 @@ class Writer:
     care: Care | None = None
 
     def body(self, part: str, name: str, **values: Any) -> str:
-        """The statements of one part of the template, for the unit of that name."""
+        """The statements of one part of the template, for a unit."""
         return rendered(
             "bodies.st.jinja",
             part=part,
@@ -87,7 +87,7 @@ class Writer:
         return Variable(name, f"{self.prefix}_array{size}", size=size)
 
     def reals(self, names: str) -> list[Variable]:
-        """Numbers, by their names."""
+        """Variables for numbers of these names."""
         return [Variable(name, self.precision.st_type) for name in names.split()]
 
     def helpers(self) -> Iterator[Unit]:
@@ -102,7 +102,7 @@ class Writer:
         )
 
     def pairs(self) -> Iterator[Unit]:
-        """PREFIX_pair_sum and so on; c + dc is the result, dc a second output."""
+        """PREFIX_pair_sum and similar functions; the result is c + dc, dc a second output."""
         numbers = {"pi": np.pi, "small": _SMALL, "large": _LARGE, "whole": _WHOLE}
         for part, (note, *names) in _PAIRS.items():
             name, (a, b, c) = f"{self.prefix}_pair_{part}", map(self.reals, names)
@@ -110,7 +110,7 @@ class Writer:
             yield Unit(name, self.precision.st_type, [note], a, b, c, text)
 
     def table(self, name: str, note: str, values: list[float], notes: Sequence[str] = ()) -> Unit:
-        """A function that returns constants, with an optional note each; unnamed ones are 0."""
+        """A function that returns constants, with an optional note for each; others are 0."""
         name, zeros = f"{self.prefix}_{name}", len(values) > np.count_nonzero(values)
         writes = {"plain": partial(plain, self.precision), "comment": comment}
         text = self.body("table", name, values=values, notes=notes, zeros=zeros, **writes)
@@ -118,7 +118,7 @@ class Writer:
         return Unit(name, "INT", [note], (), [self.array("entries", len(values))], own, text)
 
     def function(self, f: ExportedFunction) -> Unit:
-        """One function that keeps nothing."""
+        """A function without memory."""
         given, scratch, own = list(f.inputs), set[str](), [Variable("i", "INT")]
         sizes = {argument.name: argument.symbols.numel() for argument in f.arguments}
         tables = {x.name: x.symbols.numel() for x in f.inputs if x.is_table and x.symbols.numel()}
@@ -169,14 +169,14 @@ class Writer:
         parts: Sequence[OutputPart] = (),
         out: str = "found",
     ) -> list[str]:
-        """Statements for some values, parts of which may need more digits than a REAL has."""
+        """Statements that compute values, parts of which may need more digits than a REAL has."""
         dialect = StructuredText(self.precision, self.prefix)
         lines, slots, _ = body(inputs, out, values, dialect, self.care, parts)
         scratch.update(slots)
         return lines
 
     def block(self, f: ExportedFunction) -> Unit:
-        """A function block of q: the pose first, which is kept, then a function of z."""
+        """A function block of q: it computes the pose and keeps it, then calls a function of z."""
         name, n = f"{self.prefix}_{f.name}", self.subject.dynamics.dof
         names = [argument.name for argument in f.arguments]
         text = self.body(
@@ -199,8 +199,8 @@ class Writer:
         )
 
     def cycle(self, c: ExportedCycle) -> Iterator[Unit]:
-        """PREFIX_NAME_start, the first state; PREFIX_NAME_step, a function of state and inputs; and
-        PREFIX_NAME, which keeps the state."""
+        """PREFIX_NAME_start, the initial state; PREFIX_NAME_step, a function of state and inputs;
+        and PREFIX_NAME, which keeps the state."""
         name, graph, scratch = f"{self.prefix}_{c.name}", c.graph, set[str]()
         n, inputs, m = graph.state.size, graph.inputs.size, graph.outputs.size
         note = f"The state that {name} begins with."
@@ -222,7 +222,7 @@ class Writer:
             self.body("step", f"{name}_step", sizes=sizes, lines=step),
             in_order(scratch),
         )
-        # State and outputs of a bad cycle.
+        # State and outputs of a cycle with an invalid input.
         values, scratch = ca.vertsplit(ca.densify(c.spoilt)), set[str]()
         changed = [i for i, value in enumerate(values) if not ca.is_equal(value, graph.x[i], 1)]
         column = ca.vertcat(c.spoilt_y, *(values[i] for i in changed))
@@ -277,14 +277,14 @@ def plc_program(
     further: tuple[str, ...] = (),
     online: OnlineSettings = DEFAULT,
 ) -> PlcProgram:
-    """The units of a model; their names are PREFIX_….
+    """The units of a model; their names begin with PREFIX_.
 
     Args:
-        further: names of functions beside those that every export has (`options.FURTHER`).
-        online: of the function of that name.
+        further: names of additional functions (`options.FURTHER`).
+        online: settings of the function of that name.
 
     Raises:
-        DeltaidError: the prefix is no identifier, or the robot has not what a further function
+        DeltaidError: the prefix is no identifier, or the robot lacks what an additional function
             needs.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", prefix) or len(prefix) > 20:
@@ -340,10 +340,10 @@ def st_test(
 ) -> str:
     """PREFIX_test, which calls PREFIX_inverse_dynamics_at once for each vector.
 
-    Torques at some states beside those of Python.
+    It compares its torques with those of Python.
 
     Args:
-        states: z, qd, qdd and tau, one state a row.
+        states: z, qd, qdd and tau, one state per row.
     """
     writer, names = Writer(subject, prefix, precision), ("z", "qd", "qdd", "tau")
     numbers, note = np.hstack([states[x] for x in names]), f"{', '.join(names)} of each state."
@@ -365,5 +365,5 @@ def st_test(
     )
     head = [f"Checks {prefix}.st, which it needs; call {prefix}_test once."]
     units = [writer.table("test_vectors", note, numbers.ravel().tolist()), block]
-    # array types that PREFIX.st declares
+    # Array types that PREFIX.st declares.
     return PlcProgram(prefix, head, units, precision.st_type, declared=(dof,)).text

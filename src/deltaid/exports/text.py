@@ -20,7 +20,7 @@ _PLAIN = {
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers in a row with every bit, without negative zeros."""
+    """Numbers separated by spaces, with every bit, without negative zeros."""
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
@@ -35,11 +35,11 @@ def attributes(**values: str | float | Sequence[float] | np.ndarray | None) -> s
 
 
 def xml_text(root: ET.Element, head: str = "", comment: str = "") -> str:
-    """An element with all in it as a file, indented.
+    """An XML element with its content as a file, indented.
 
     Args:
-        head: the line before it.
-        comment: stands first in it.
+        head: line before the element.
+        comment: placed first in the element.
     """
     if comment:
         root.insert(0, ET.Comment(f" {re.sub('-(?=-)', '- ', comment)} "))
@@ -52,21 +52,21 @@ class Export:
     """An exported model.
 
     Attributes:
-        parts: content by the end of the file's name; the first one is what is asked for.
-        warnings: what the target takes differently.
+        parts: content by the ending of the file's name; the requested file first.
+        warnings: differences of the target from the model.
     """
 
     parts: Mapping[str, str | bytes]
     warnings: tuple[str, ...] = ()
 
     def text(self, end: str) -> str:
-        """A part that is text."""
+        """Content of a part that is text."""
         part = self.parts[end]
         return part if isinstance(part, str) else part.decode()
 
 
 def c_comment(text: str) -> str:
-    """Text without sequences that open or close a comment of C."""
+    """Text in which no sequence opens or closes a comment of C."""
     return re.sub(r"([*/])(?=[*/])", r"\1 ", text)
 
 
@@ -84,11 +84,11 @@ class Precision:
     Attributes:
         c_type, st_type: its names in C and in structured text.
         suffix: of C's literals and of the functions of math.h.
-        closed: distance [m, rad] at which loops count as closed, and by which a pose must be
+        closed: distance [m, rad] below which loops count as closed, and by which a pose must be
             inside a limb's reach.
-        mode: distance [m] by which rounding may put a limb in its other working mode.
+        mode: distance [m] within which rounding may put a limb in its other working mode.
         last: gap [m, rad] from which one more step of Newton's method ends below rounding.
-        least: size below which a divisor counts as zero where a division must not overflow.
+        least: size below which a divisor counts as zero, so that divisions do not overflow.
     """
 
     c_type: str
@@ -100,20 +100,20 @@ class Precision:
     least: float
 
     def digits(self, x: float) -> str:
-        """The shortest decimal with every bit; nonzero numbers stay nonzero."""
+        """The shortest decimal number with every bit; nonzero numbers stay nonzero."""
         if self is DOUBLE:
             return repr(float(x))
         short = np.float32(x)
         return str(short if short or not x else np.copysign(np.finfo(np.float32).tiny, short))
 
     def c_number(self, x: float) -> str:
-        """A literal of C, in parentheses where it has a sign."""
+        """A literal of C, in parentheses if it has a sign."""
         text = self.digits(x) + self.suffix
         return f"({text})" if text.startswith("-") else text
 
 
-# Distances in double precision are those of mechanism.forward. A float has 24
-# bits: coordinates of a metre are known to 1e-7 m, and sums of a few squares of them to 1e-6 m².
+# Distances in double precision are those of mechanism.forward. A float has 24 bits: coordinates of
+# a metre are known to 1e-7 m, and sums of a few of their squares to 1e-6 m².
 DOUBLE = Precision("double", "LREAL", "", 1e-12, 1e-9, 1e-9, 1e-150)
 SINGLE = Precision("float", "REAL", "f", 1e-5, 1e-5, 1e-6, 1e-18)
 
@@ -124,7 +124,7 @@ _FILES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
     keep_trailing_newline=True,
-    autoescape=False,  # XML attributes are escaped elsewhere
+    autoescape=False,  # attributes() escapes XML
 )
 _GLOBALS: dict[str, Any] = {"attr": attributes, "numbers": numbers}
 _FILES.globals.update(_GLOBALS)
@@ -136,15 +136,15 @@ def rendered(template: str, /, **values: Any) -> str:
 
 
 def rendered_xml(template: str, /, **values: Any) -> ET.Element:
-    """A template of XML with its values, without the space between its elements."""
+    """A template of XML with its values, without white space between elements."""
     root = ET.fromstring(rendered(template, **values))
     for part in root.iter():
         part.text = part.text if (part.text or "").strip() else None
     return root
 
 
-# Terms of Taylor's series about zero up to an eighth of a turn, which end below 1e-14: the first
-# ones as pairs, the others as floats.
+# Numbers of terms of Taylor's series about zero, whose remainder up to an eighth of a turn is below
+# 1e-14: the leading ones as pairs of floats; all of sine; all of cosine.
 _AS_PAIRS, _SINE, _COSINE = 4, 7, 8
 
 
@@ -154,7 +154,7 @@ class TaylorSeries:
 
     Attributes:
         pairs: the first coefficients, each a float and its rest.
-        tail: those of the rest, floats.
+        tail: the other coefficients, floats.
     """
 
     pairs: tuple[tuple[float, float], ...]
@@ -168,7 +168,7 @@ def _series(first: int, count: int) -> TaylorSeries:
 
 
 def split(x: float) -> tuple[float, float]:
-    """The nearest float of a number, and the residual as another float."""
+    """The nearest float of a number, and the difference as another float."""
     return float(np.float32(x)), x - float(np.float32(x))
 
 

@@ -1,9 +1,9 @@
-"""A robot as a spanning tree of bodies with cut loops, for programs that only know trees.
+"""A robot as a spanning tree of bodies with cut loops, for formats that only represent trees.
 
-Every limb is cut where its struts hold the platform, the telescope where it meets the platform.
-Struts of a limb move alike, so they are one body with the inertia of all of them, and the
-platform's parts translate because they are put on sliding joints, not because parallelograms hold
-them. So the tree has exactly as many closing conditions as it needs, none of them redundant:
+Every limb is cut at the platform's end of its struts, the telescope at the platform. Struts of a
+limb move equally, so they are one body with the inertia of all of them; the platform's parts
+translate on sliding joints, which replace the parallelograms. So the tree has exactly the necessary
+closing conditions, none of them redundant:
 
     cuts        two points of different bodies coincide (three conditions each)
     couplings   one joint follows another by a constant ratio (one condition each)
@@ -39,8 +39,8 @@ class TreeJoint:
 
     Attributes:
         name: 'drive1', 'limb1_swing', …
-        slides: or turns.
-        axis: unit vector in the frame that the body's joints before this one leave.
+        slides: whether it slides; otherwise it turns.
+        axis: unit vector in the frame after the body's previous joints.
     """
 
     name: str
@@ -56,8 +56,8 @@ class TreeBody:
         name: unique in the tree.
         parent: name of another body; empty for the world.
         R, r: pose of the link frame in the parent's, with all joints at zero [m].
-        joints: one after the other.
-        p: the ten inertia parameters of all bodies that move as this one.
+        joints: in order from the parent.
+        p: the ten inertia parameters of all bodies that move together as this one.
     """
 
     name: str
@@ -91,12 +91,12 @@ class TreeStrut:
     """A drawn strut, between two points of other bodies.
 
     The struts of a limb are one body of the tree, in their middle. They keep their distance along
-    the driven body's y, about which they do not tilt, so no body of the tree carries both as lines.
+    the driven body's y and do not tilt about it, so no body of the tree contains both as lines.
 
     Attributes:
-        name: 'strut1a', 'strut1b', …; 'strut1' where a limb has one.
-        body: of the tree whose part it is.
-        first, second: at the driven body and at the platform.
+        name: 'strut1a', 'strut1b', …; 'strut1' if a limb has one.
+        body: of the tree that it is a part of.
+        first, second: ends at the driven body and at the platform.
     """
 
     name: str
@@ -120,11 +120,11 @@ class Tree:
 
     Attributes:
         bodies: parents before children.
-        cuts, couplings: what closes the loops.
+        cuts, couplings: conditions that close the loops.
         struts: to draw.
-        tool_body: what carries the tool.
+        tool_body: name of the body that carries the tool.
         coordinates: of every joint, by name, as functions of z in the closed robot.
-        z: their symbols.
+        z: symbols of the task coordinates.
     """
 
     bodies: tuple[TreeBody, ...]
@@ -145,10 +145,10 @@ Part = TreeBody | LoopCut | Coupling | TreeStrut
 
 
 def spanning_tree(subject: Model) -> Tree:
-    """The tree of a robot that is composed of limbs and a platform.
+    """The tree of a robot that consists of limbs and a platform.
 
     Raises:
-        DeltaidError: the mechanism is the user's own, so its joints are not known.
+        DeltaidError: the mechanism is user-defined, so its joints are unknown.
     """
     robot, mechanism = subject.robot, subject.dynamics.kinematics.mechanism
     coordinates, parts = tree_coordinates(robot, mechanism), list[Part]()  # raises first
@@ -169,10 +169,10 @@ def spanning_tree(subject: Model) -> Tree:
 
 
 def require_physical(model: Model, cure: str) -> None:
-    """Raise for bodies that the target's own reader would refuse.
+    """Refuse bodies that the target's own reader would refuse.
 
     Raises:
-        DeltaidError: there is one; with what to do about it.
+        DeltaidError: a body is not physical; with the given cure.
     """
     for name in model.layout.bodies:
         if reason := RigidBody(model.body(name)).why_not_physical:
@@ -237,7 +237,8 @@ def _hinged(subject: Model, platform: H4Platform | Par4Platform) -> Iterator[Par
 
 
 def _i4(subject: Model, platform: I4Platform) -> Iterator[Part]:
-    """The first half platform slides in the world, the second and the tool on the first."""
+    """The first half platform slides in the world; the second one and the tool slide on the
+    first."""
     half, carrier, turn = subject.body("HP"), _tool_carrier(platform), TreeJoint("tool", False, Z)
     along, rack = (TreeJoint(name, True, -platform.direction) for name in ("platform", "tool_rack"))
     yield TreeBody("HP1", "", I, ZERO, _slides("part1"), half)

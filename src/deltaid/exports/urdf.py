@@ -1,17 +1,17 @@
-"""A model as URDF, which only knows trees, with a JSON file beside it for the closed loops.
+"""A model as URDF, which only represents trees, with a JSON file for the closed loops.
 
-Links are the tree's bodies in their link frames, on a base that stands in `world`. A body on
-several joints has links between them, and every point where a loop was cut is a fixed frame. The
-file beside it names the pairs of frames that coincide, the joints that follow others, the home
-pose, and what URDF has no words for: inertia of motors and gears, springs.
+Links are the tree's bodies in their link frames, on a base that is fixed in `world`. A body with
+several joints has links between them, and every point of a cut loop is a fixed frame. The JSON file
+names the pairs of frames that coincide, the joints that follow others, the home pose, and
+quantities that URDF lacks: inertia of motors and gears, springs.
 
-Links between joints have no mass in the model. Gazebo drops a link below 1e-6 kg with all that
-hangs on it, so they have a placeholder that is as small as it may be; the file beside names them.
-Fixed frames have none: they are part of the link that they stand on.
+Links between joints have no mass in the model. Gazebo removes a link below 1e-6 kg with all its
+children, so they have the smallest possible placeholder mass; the JSON file names them. Fixed
+frames have none: they are part of the link that they are fixed to.
 
 Drives have `ros2_control` for ROS 2, `transmission` for Drake and ROS 1. All their quantities are
-those of the joint, so every transmission has the ratio 1, and the inertia of motor and gear is that
-seen from the joint. URDF's roll, pitch and yaw are about fixed axes.
+those of the joint, so every transmission has the ratio 1, and the inertia of motor and gear is
+related to the joint. URDF's roll, pitch and yaw are about fixed axes.
 """
 
 import json
@@ -33,21 +33,24 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.sensors.weighings import roll_pitch_yaw
 
-# Mass [kg] and moments about the centre of mass [kg m²] of links that have none in the model.
+# Mass [kg], above the 1e-6 kg that Gazebo drops, and moments about the centre of mass [kg m²] of
+# links without mass in the model.
 PLACEHOLDER = (2e-6, 1e-10)
-# URDF requires limits of sliding joints; those of passive ones are far beyond any robot.
+# URDF requires limits of sliding joints; those of passive ones exceed any robot: position [m],
+# force [N], speed [m/s].
 _FAR, _STRONG, _FAST = 1e2, 1e6, 1e3
 
 
 def urdf(subject: Model) -> Export:
-    """A model as URDF, XML, with its loops as JSON; warnings name what only the JSON has.
+    """A model as URDF (XML), with its loops as JSON; warnings name quantities that only the JSON
+    has.
 
     Raises:
-        DeltaidError: the mechanism is the user's own, or its friction has terms that URDF lacks.
+        DeltaidError: the mechanism is user-defined, or its friction has terms that URDF lacks.
     """
     tree, forces, robot = spanning_tree(subject), joint_forces(subject, "URDF"), subject.robot
     home, drawn, pairs = tree.joint_coordinates(subject.home), [*shapes(subject, tree)], []
-    for strut in tree.struts:  # one strut of a pair has a link of its own, for its shape
+    for strut in tree.struts:  # one strut of a pair has its own link, for its shape
         limb = robot.limb_geometry[int(strut.body[1:]) - 1]
         link = strut.body if limb.struts == 1 else strut.name
         line, radius = limb.strut * X, strut_radius(subject)
@@ -74,7 +77,7 @@ def urdf(subject: Model) -> Export:
         limit=partial(_limit, robot),
         formed=_formed,
     )
-    # Drake reads the inertia of motors and gears under names of its own, which others ignore.
+    # Drake reads the inertia of motors and gears under its own names, which other programs ignore.
     root.set("xmlns:drake", "http://drake.mit.edu")
     for rotor in root.iter("rotor_inertia"):
         rotor.tag = "drake:rotor_inertia"
@@ -126,7 +129,8 @@ def _kind(robot: RobotDescription, joint: TreeJoint) -> str:
 
 
 def _limit(robot: RobotDescription, joint: TreeJoint) -> dict[str, float]:
-    """Limits of drives and of a bar's stroke in the description; URDF requires them of slides."""
+    """Limits of drives and of a bar's stroke, as described; URDF requires limits of sliding
+    joints."""
     if joint.name not in robot.drives and not joint.slides:
         return {}
     limits = robot.limits_of(joint.name)
@@ -138,7 +142,7 @@ def _limit(robot: RobotDescription, joint: TreeJoint) -> dict[str, float]:
 
 
 def _formed(shape: Shape) -> tuple[Any, ...]:
-    """Centre, rotation and form; cylinders of URDF stand along z about their middle."""
+    """Centre, rotation, form and size of a shape; cylinders of URDF are centred along z."""
     match shape:
         case Rod():
             along = shape.end - shape.start
@@ -153,7 +157,7 @@ def _formed(shape: Shape) -> tuple[Any, ...]:
 
 
 def _warnings(forces: dict[str, JointForces]) -> tuple[str, ...]:
-    """What a program that reads the URDF alone misses besides the loops."""
+    """Quantities that a program misses, besides the loops, if it reads the URDF alone."""
     missing = {
         "inertia of motors and gears": [j for j, f in forces.items() if f.armature],
         "springs": [j for j, f in forces.items() if f.stiffness],
