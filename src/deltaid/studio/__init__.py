@@ -1,4 +1,4 @@
-"""The studio: a local page that guides from a robot and its recordings to a model.
+"""The studio: a local page that guides users from a robot and its recordings to a model.
 
-Modules here know no window; those of `pages/` draw one stage each.
+Modules here are independent of the page's library; those of `pages/` draw one stage each.
 """

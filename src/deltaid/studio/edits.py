@@ -1,7 +1,7 @@
 """Edits of files: a mapping by its form, and changes that verdicts propose.
 
-Plain data in, plain data out; what is not edited stays. Proposals go into files only when they are
-asked for, and are shown before.
+Functions map plain data to plain data and keep everything that is not edited. Proposals are written
+only on request, after their changes have been shown.
 """
 
 import copy
@@ -23,9 +23,9 @@ from deltaid.studio.folder import Folder
 
 Data = dict[str, Any]
 
-# Default values of an entry.
+# Default values of an entry, which files omit.
 DEFAULTS: Data = {"sign": 1, "zero": 0.0, "gear": 1.0, "lead": None, "torque_constant": None}
-# Keys that equal drives share.
+# Keys that have the same value for equal drives.
 ALIKE = ("unit", "gear", "lead", "torque_constant")
 UNITS: dict[Quantity, tuple[str, ...]] = {
     "position": ("rad", "deg", "rev", "360/65536 deg", "m", "mm"),
@@ -33,7 +33,7 @@ UNITS: dict[Quantity, tuple[str, ...]] = {
     "acceleration": ("rad/s^2", "deg/s^2", "m/s^2", "mm/s^2"),
     "torque": ("N m", "mN*m", "A", "mA", "N", "lbf*in", "0.01 N*m"),
 }
-# Factors of the usual units, for which pint need not be loaded.
+# Quantities of the usual units, for which pint need not be loaded.
 _KINDS = {
     unit: "current" if unit in ("A", "mA") else quantity
     for quantity, units in UNITS.items()
@@ -46,7 +46,7 @@ def read(text: str, name: str) -> Data:
     """The data of a mapping file.
 
     Raises:
-        DescriptionError: it is none.
+        DescriptionError: the text is no mapping.
     """
     if not text.strip():
         return {}
@@ -58,7 +58,7 @@ def written(data: Data, name: str) -> str:
     """The text of a mapping file.
 
     Raises:
-        DescriptionError: a mapping may not be like this.
+        DescriptionError: the data are no valid mapping.
     """
     text = yaml_text(data)
     parse(text, ColumnMapping, where=name)
@@ -66,7 +66,7 @@ def written(data: Data, name: str) -> str:
 
 
 def entries(data: Data, quantity: Quantity, dof: int) -> list[Data]:
-    """Entries of all drives; empty ones where the quantity is not mapped."""
+    """Entries of all drives; empty ones if the quantity is not mapped."""
     given = data.get(quantity)
     if isinstance(given, dict):
         listed = AllDrives.model_validate(
@@ -86,9 +86,9 @@ def named(data: Data, dof: int) -> set[str]:
 def with_value(
     data: Data, quantity: Quantity, drive: int, key: str, value: object, dof: int, *, alike: bool
 ) -> Data:
-    """The data with a changed value in one drive's entry, or in all entries where drives are equal.
+    """The data with a changed value in one drive's entry, or in all entries if drives are equal.
 
-    A default value takes the key out; no column takes the whole entry out.
+    A default value removes the key; without a column the whole entry is removed.
     """
     listed = copy.deepcopy(entries(data, quantity, dof))
     for k, entry in enumerate(listed):
@@ -105,9 +105,9 @@ def with_column(
 ) -> Data:  # fmt: skip
     """The data with the column of one drive; without a column the entry is removed.
 
-    The entry gets the unit that the name states. If drives are to be alike, it gets unit and gear
-    of the others instead; the first column chosen brings along those of the other drives, whose
-    names differ from it in the axis only.
+    The entry gets the unit that the column's name states. If drives are equal, it gets unit and
+    gear of the others instead; the first chosen column also selects those of the other drives,
+    whose names differ in the axis only.
 
     Args:
         names: of all columns of the recording.
@@ -139,7 +139,7 @@ def _with_entries(data: Data, quantity: Quantity, listed: list[Data]) -> Data:
 
 
 def with_time(data: Data, column: str | None, unit: str | None, rate: float | None) -> Data:
-    """The data with a time column, or with a rate instead."""
+    """The data with a time column, or with a sampling rate instead."""
     proposed_changes = {
         "column": column,
         "rate": rate,
@@ -155,7 +155,7 @@ def incomplete(data: Data, drives: Sequence[str], names: Sequence[str] | None = 
 
     Args:
         drives: their names.
-        names: of all columns of the recording; None where they are not known.
+        names: of all columns of the recording; None if they are unknown.
     """
     for quantity in UNITS:
         if quantity not in data:
@@ -194,13 +194,13 @@ def difference(name: str, before: str, after: str) -> str:
 
 
 def proposed_changes(verdict: Mapping[str, Any], file: str) -> list[tuple[str, object]]:
-    """Changes of one file that a verdict, as JSON has it, proposes."""
+    """Changes of one file that a verdict proposes, from its JSON."""
     proposals = [proposal for proposal in verdict["proposals"] if proposal["file"] == file]
     return [(key, value) for proposal in proposals for key, value in proposal["changes"].items()]
 
 
 def own_copy(folder: Folder, robot: str) -> str:
-    """The editable file of a robot; a catalogue robot's is written into the folder.
+    """The editable file of a robot; that of a catalogue robot is written into the folder.
 
     Raises:
         DeltaidError: it cannot be written.

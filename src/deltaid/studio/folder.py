@@ -1,4 +1,4 @@
-"""The studio's folder: its files, and names that stay inside it."""
+"""The studio's folder: its files, and names that cannot lead out of it."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ _PACKED = (".gz", ".zst", ".zstd")
 # Top-level keys that identify a file's kind.
 _ROBOT = re.compile(r"^(limbs|mechanism)\s*:", re.MULTILINE)
 _MAPPING = re.compile(r"^(time|position|velocity|torque|load)\s*:", re.MULTILINE)
-# Most characters of a name, of its endings, and of an answer.
+# Largest number of characters of a name, of its endings, and of an answer.
 LONGEST = 60
 _SAFE = re.compile(r"[^\w.()+-]+")
 _DEVICES = re.compile(rf"(?i)({DEVICES})(\..*)?")
@@ -35,14 +35,14 @@ class Folder:
     """A folder and its files.
 
     Attributes:
-        root: absolute, without links.
+        root: absolute path, without links.
     """
 
     root: Path
 
     @staticmethod
     def open(path: Path) -> "Folder":
-        """A folder, made if there is none.
+        """The folder at a path, which is made if it does not exist.
 
         Raises:
             DeltaidError: it cannot be made or written to, or is a file.
@@ -56,7 +56,7 @@ class Folder:
         """A name inside the folder as a path.
 
         Raises:
-            DeltaidError: it leads out of the folder, or names what is hidden.
+            DeltaidError: it leads out of the folder, or names a hidden file.
         """
         parts = Path(name).parts
         plain = parts and not any(
@@ -64,7 +64,7 @@ class Folder:
         )
         if plain and "\0" not in name:
             path = self.root / name
-            # Neither links out of the folder nor another root.
+            # Links may lead out of the folder; an absolute name has another root.
             if Path(os.path.realpath(path)).is_relative_to(self.root):
                 return path
         raise DeltaidError("is no file of this folder", where=name, cure="give a name inside it")
@@ -86,11 +86,11 @@ class Folder:
 
         Args:
             name: inside the folder.
-            text: what it shall hold.
-            instead_of: what it held when the change began; None for a file that is new.
+            text: new content.
+            instead_of: content when the change began; None for a new file.
 
         Raises:
-            ConflictError: it holds something else by now.
+            ConflictError: the content has changed since.
             DeltaidError: it cannot be written.
         """
         path = self.path(name)
@@ -110,7 +110,7 @@ class Folder:
             file.write(text)
 
     def free_name(self, wanted: str) -> str:
-        """A safe and unused name like the wanted one."""
+        """A safe and unused name similar to the wanted one."""
         name = _SAFE.sub("-", Path(wanted.replace("\\", "/")).name).strip(".-") or "file"
         if _DEVICES.fullmatch(name):
             name = f"file-{name}"
@@ -120,12 +120,12 @@ class Folder:
         return next(name for name in names if not (self.root / name).exists())
 
     def files(self) -> list[Path]:
-        """Visible files at the top of the folder; none if it has been removed."""
+        """Visible files at the top of the folder; none if the folder has been removed."""
         return sorted(p for p in self.root.glob("*") if p.is_file() and not p.name.startswith("."))
 
     @contextmanager
     def called_by_name(self) -> Generator[None, None, None]:
-        """Shorten paths in errors from inside to names in the folder."""
+        """Shorten paths in errors raised inside to names in the folder."""
         try:
             yield
         except DeltaidError as error:
@@ -138,15 +138,15 @@ class Folder:
         return self.root.is_dir()
 
     def robots(self) -> list[str]:
-        """Files that describe a robot."""
+        """Names of files that describe a robot."""
         return [n for n, text in self._texts() if _ROBOT.search(text) and not holds_a_model(text)]
 
     def mappings(self) -> list[str]:
-        """Files that map columns."""
+        """Names of files that map columns."""
         return [n for n, text in self._texts() if _MAPPING.search(text) and not _ROBOT.search(text)]
 
     def recordings(self) -> list[str]:
-        """Files that may be recordings, by their names."""
+        """Names of files that may be recordings, judged by their endings."""
         endings = {suffix for form in FORMATS for suffix in form.suffixes} | {".csv", ".txt"}
         packed = (f"{ending}{pack}" for ending in endings for pack in _PACKED)
         kinds = (*(endings - set(YAML_ENDINGS)), *packed)
@@ -162,7 +162,7 @@ class Folder:
 
 
 def stamp(path: Path) -> tuple[int, int] | None:
-    """Length and time of the last change [ns] of a file; None if it has just been removed."""
+    """Size and time of the last change [ns] of a file; None if it has just been removed."""
     try:
         known = path.stat()
         return known.st_size, known.st_mtime_ns
@@ -175,10 +175,10 @@ def refusing(
     where: str, what: str = "cannot be used",
     cure: str = "see whether the folder is still there, may be written to, and has room",
 ) -> Generator[None, None, None]:  # fmt: skip
-    """Raise refusals of the system as errors of the program.
+    """Turn errors of the operating system into errors of the program.
 
     Raises:
-        DeltaidError: a file or folder could not be made, read or copied.
+        DeltaidError: a file or folder cannot be made, read or copied.
     """
     try:
         yield

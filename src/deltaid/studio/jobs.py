@@ -1,4 +1,4 @@
-"""Background jobs: the command line in a process of its own, observable and cancellable."""
+"""Background jobs: the command line in a separate process, observable and cancellable."""
 
 import asyncio
 import contextlib
@@ -17,14 +17,14 @@ from deltaid.studio.steps import Step
 
 State = Literal["running", "done", "failed", "cancelled"]
 
-# Environment of a command that reports progress to a program, one line a stage on standard error.
+# Environment variable that makes a command report its stages on standard error, one per line.
 PROGRESS = "DELTAID_PROGRESS"
 _MARK = "progress: "
 # Commands that print JSON for the studio.
 _WITH_JSON = ("check", "fit", "validate", "excite", "simulate", "forces")
-# Runs under the name of the shown command, which pages print.
+# Runs under the name of the displayed command, which pages print.
 _ENTRY = "import sys; sys.argv[0] = 'deltaid'; from deltaid.cli import main; main()"
-# Grace period of a command or an open page to end [s].
+# Time for a command or an open page to end before it is killed [s].
 GRACE = 2
 _WINDOWS = sys.platform == "win32"
 
@@ -34,9 +34,9 @@ class Job:
     """A step that runs, or has run.
 
     Attributes:
-        stages: what it has said it is doing, the newest last.
+        stages: reported stages, the newest last.
         said: its warnings and errors.
-        run: what it left behind, once it has ended.
+        run: its record, once it has ended.
     """
 
     step: Step
@@ -58,13 +58,13 @@ class Job:
 
     @property
     def error(self) -> str:
-        """Its message if it failed: what, where and the fix."""
+        """Its message if it failed or was cancelled: what, where and the fix."""
         if self.state == "failed":
             return error_in(self.said)
         return "cancelled" if self.state == "cancelled" else ""
 
     def fail(self, error: DeltaidError) -> None:
-        """End with an error of the studio itself."""
+        """Fail with an error of the studio itself."""
         if self.state != "cancelled":
             self.state = "failed"
         self.said += f"error: {error}\n"
@@ -73,11 +73,11 @@ class Job:
         """Run it to its end.
 
         Raises:
-            DeltaidError: its files cannot be kept beside it.
+            DeltaidError: its files cannot be copied into its folder.
         """
         inputs = await asyncio.to_thread(keep_inputs, self.folder, self.place, self.step)
         more = ("--json",) if self.step.kind in _WITH_JSON else ()
-        # Valid from any folder.
+        # Absolute paths, because the command runs in another folder.
         places = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
         modules = {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, places))}
         self._process = await asyncio.create_subprocess_exec(
@@ -125,7 +125,7 @@ class Job:
         if self.state != "running":
             return
         self.state = "cancelled"
-        if self._process is None:  # cancelled once it has begun
+        if self._process is None:  # `go` cancels it once its process has begun
             return
         self._tell(signal.SIGTERM)
         try:
@@ -143,7 +143,7 @@ class Job:
 
 
 def error_in(said: str) -> str:
-    """The error among a command's messages; a defect of the program as one sentence."""
+    """The error among a command's messages; for a defect of the program, one sentence."""
     start = said.rfind("error: ")
     if start >= 0 and (start == 0 or said[start - 1] == "\n"):
         return said[start + len("error: ") :].strip()

@@ -1,6 +1,6 @@
-"""Previews of recordings, in a process of their own: raw rows, and models beside measurements.
+"""Previews of recordings: raw rows, and models together with measurements.
 
-What goes in and out is plain data.
+They run in a separate process; arguments and results are plain data.
 """
 
 import re
@@ -35,9 +35,9 @@ from deltaid.view.comparison import (
     stretch_length,
 )
 
-# Most cached previews and comparisons.
+# Number of cached previews and comparisons.
 REMEMBERED = 40
-# Rows of a block that is first reduced to two; figures have fewer points than blocks.
+# Rows of a block of long curves that is first reduced to its two extremes, to save memory.
 _BLOCK = 128
 
 
@@ -46,10 +46,10 @@ class Curve:
     """One column over time, thinned so that no peak is lost.
 
     Attributes:
-        name, quantity, drive: of the column, and what it is of which drive, counted from 0.
+        name: of the column.
+        quantity, drive: that it records, with drives counted from 0.
         unit: of the values.
-        model: that predicts it, by its number among those that were asked for; None for what was
-            measured.
+        model: index of the model that predicts it among the requested ones; None for measurements.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Preview:
-    """A recording as a mapping reads it."""
+    """A recording as a mapping interprets it."""
 
     curves: tuple[Curve, ...]
     rows: int
@@ -71,18 +71,18 @@ class Preview:
 
 
 def ready() -> bool:
-    """Load the modules of previews, so that the first one is quick too."""
+    """Load the modules of previews in advance, so that the first preview is fast."""
     return True
 
 
 def preview(path: str, robot: str, mapping: dict[str, Any], span: Any = None) -> Preview:
-    """A recording as a mapping reads it: positions in degrees or m, torques in N m or N.
+    """A recording as a mapping interprets it: positions in degrees or m, torques in N m or N.
 
     Args:
         path: the recording.
         robot: name or file.
         mapping: data of a mapping file.
-        span: first and last second to be shown; None for all.
+        span: first and last second to show; None for all.
 
     Raises:
         RecordingError: a column is missing, or the file cannot be read.
@@ -110,12 +110,12 @@ def preview(path: str, robot: str, mapping: dict[str, Any], span: Any = None) ->
 
 
 def signals(path: str, time: str | None, columns: Sequence[str], span: Any = None) -> Preview:
-    """Columns of a recording as they are, before they are mapped: over time, or over rows.
+    """Columns of a recording before they are mapped, over time or over rows.
 
     Args:
         path: the recording.
-        time: column of the time, in its own unit; None for the number of the row.
-        columns: to be drawn; those whose names differ in numbers only share a row of curves.
+        time: column of the time, in its own unit; None for the row number.
+        columns: to be drawn; those whose names differ in numbers only share a panel.
         span: as of `preview`, in the unit of the time.
 
     Raises:
@@ -151,7 +151,7 @@ def mapping_cured(
     """The text of a mapping file with changes that a verdict proposes.
 
     Raises:
-        DeltaidError: robot, recording or mapping cannot be read.
+        DeltaidError: robot, recording or mapping is invalid.
     """
     record = evidence(described(robot), Path(path), load_mapping(mapping) if mapping else None)
     return mapping_text(record, dict(wanted), Path(mapping) if mapping else None)
@@ -163,8 +163,8 @@ class Beside:
 
     Attributes:
         drives: their names.
-        curves: torques, and errors: predicted minus measured torque [N m or N].
-        nrmse: of each model and drive.
+        curves: torques, and errors, which are predicted minus measured torques [N m or N].
+        nrmse: normalised error of each model and drive.
     """
 
     drives: tuple[str, ...]
@@ -182,10 +182,10 @@ def torques(
 
     Args:
         path, mapping, models: files.
-        span: first and last second to be shown; None for all.
+        span: first and last second to show; None for all.
 
     Raises:
-        DeltaidError: recording, mapping or a model cannot be used, or they are of other robots.
+        DeltaidError: recording, mapping or a model is invalid, or they belong to different robots.
     """
     changed = tuple(stamp(Path(name)) for name in (path, mapping, *models) if name)
     compared = [_compared(path, mapping, model, changed) for model in models]
@@ -224,13 +224,13 @@ def _si(channel: Channel, values: np.ndarray) -> np.ndarray:
 
 
 class MinMax:
-    """Curves of any length, reduced to the minimum and maximum of each stretch.
+    """Curves of any length, reduced to minimum and maximum of each stretch.
 
-    Rows come in pieces; memory is a sixty-fourth of what has come, or all of short curves.
+    Rows come in blocks; a sixty-fourth of them is kept in memory, or all of short curves.
 
     Args:
-        curves: how many.
-        points: at most so many are left of each.
+        curves: number of curves.
+        points: largest number of points of each result.
         span: first and last time that count; None for all.
     """
 

@@ -25,7 +25,7 @@ class Used(Part):
 
 
 class Plan(Part):
-    """The studio's notes beside the files themselves."""
+    """The studio's notes on the files of its folder."""
 
     robot: str | None = Field(default=None, description="catalogue name, or a file of the folder")
     recordings: tuple[Used, ...] = ()
@@ -39,21 +39,21 @@ class Plan(Part):
 
     @property
     def fitted(self) -> tuple[Used, ...]:
-        """Recordings of the fit."""
+        """Recordings that the fit uses."""
         return tuple(recording for recording in self.recordings if recording.use == "fit")
 
     @property
     def verified(self) -> Used | None:
-        """The recording of the verification."""
+        """The recording that verifies the model."""
         return next((recording for recording in self.recordings if recording.use == "verify"), None)
 
     @property
     def used(self) -> tuple[Used, ...]:
-        """Recordings of the fit, then the one of the verification."""
+        """Recordings of the fit, then the one that verifies."""
         return (*self.fitted, *((self.verified,) if self.verified else ()))
 
     def with_recording(self, used: Used) -> "Plan":
-        """The same with a recording added or replaced; at most one verifies."""
+        """The plan with a recording added or replaced; at most one verifies."""
         others = {
             recording.file: recording.changed(use="fit")
             if used.use == recording.use == "verify"
@@ -66,13 +66,13 @@ class Plan(Part):
 class Store:
     """The plan of a folder on disk, read before each change so that no change is lost.
 
-    All tabs of a server share one. Changes by other programs are seen by `look`.
+    All tabs of a server share one store. `look` detects changes by other programs.
 
     Attributes:
-        plan: as it was read last.
+        plan: as last read.
 
     Raises:
-        DeltaidError: studio.yaml is none.
+        DeltaidError: studio.yaml is no valid plan.
     """
 
     def __init__(self, folder: Folder) -> None:
@@ -99,7 +99,7 @@ class Store:
         self.tell()
 
     def tell(self, teller: str = "") -> None:
-        """Redraw all pages, except the one that shows the change already."""
+        """Redraw all pages, except the one that already shows the change."""
         self.teller = teller
         self._seen = self._stamp()
         self.revision += 1
@@ -107,12 +107,12 @@ class Store:
             listener()
 
     def look(self) -> bool:
-        """Notify all pages if another program has changed a file."""
+        """Redraw all pages if another program has changed a file."""
         if self._stamp() == self._seen:
             return False
         try:
             self.plan = self._read()
-        except DeltaidError:  # half edited by hand: the last valid plan holds
+        except DeltaidError:  # while it is edited by hand: the last valid plan holds
             self._seen = self._stamp()
             return False
         self.tell()

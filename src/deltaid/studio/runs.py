@@ -1,4 +1,5 @@
-"""Runs of a studio, one folder each below `runs/` with results and origin, and their comparison."""
+"""Runs of a studio, each in a folder below `runs/` with results and origin, and their
+comparison."""
 
 import contextlib
 import hashlib
@@ -36,7 +37,7 @@ class FinishedRun(Part):
     """A finished run and its origin: `run.yaml` in its folder.
 
     Attributes:
-        folder: its name below the studio's folder, such as `runs/0003-fit`; not in the file.
+        folder: its name in the studio's folder, such as `runs/0003-fit`; not in the file.
     """
 
     folder: str = Field(default="", exclude=True)
@@ -58,16 +59,16 @@ class FinishedRun(Part):
 
     @property
     def succeeded(self) -> bool:
-        """Whether it succeeded; checks succeed whatever they found."""
+        """Whether it succeeded; checks succeed whatever they find."""
         return self.exit == 0 or (self.kind == "check" and self.exit in (3, 4))
 
     def file(self, name: str) -> str:
-        """One of its files by a name inside the studio's folder."""
+        """Name of one of its files in the studio's folder."""
         return f"{self.folder}/{name}"
 
 
 def new_run(folder: Folder, kind: str) -> str:
-    """Make the numbered folder of a new run; returns its name inside the studio's folder.
+    """Make the numbered folder of a new run; returns its name in the studio's folder.
 
     Raises:
         DeltaidError: it cannot be made.
@@ -83,14 +84,14 @@ def new_run(folder: Folder, kind: str) -> str:
 
 
 def next_run(folder: Folder, kind: str) -> str:
-    """Name of the next run's folder; nothing is made."""
+    """Name of the next run's folder, without making it."""
     names = (_NAME.fullmatch(path.name) for path in (folder.root / RUNS).glob("*"))
     last = max((int(name[1]) for name in names if name), default=0)
     return f"{RUNS}/{last + 1:04d}-{kind}"
 
 
 def keep_inputs(folder: Folder, run: str, step: Step) -> tuple[Input, ...]:
-    """Checksums of a step's files at present, and copies of small ones, which may change later.
+    """Checksums of a step's input files, and copies of small ones, which may change later.
 
     Raises:
         DeltaidError: one cannot be read, or copied.
@@ -111,7 +112,7 @@ def keep_inputs(folder: Folder, run: str, step: Step) -> tuple[Input, ...]:
 
 
 def write_record(folder: Folder, run: FinishedRun, out: str, messages: str) -> None:
-    """Write the record of a finished run, last of its files, so that every recorded run is
+    """Write the record of a finished run as its last file, so that every recorded run is
     complete."""
     text = yaml_text(run.model_dump(mode="json"))
     for name, content in ((OUTPUT, out), (MESSAGES, messages), (RECORD, text)):
@@ -121,7 +122,7 @@ def write_record(folder: Folder, run: FinishedRun, out: str, messages: str) -> N
 
 
 def runs(folder: Folder) -> list[FinishedRun]:
-    """All finished runs, the last one first."""
+    """All finished runs, the latest first."""
     finished = [
         _record(path, path.stat().st_mtime_ns)
         for path in sorted((folder.root / RUNS).glob(f"*/{RECORD}"), reverse=True)
@@ -132,7 +133,7 @@ def runs(folder: Folder) -> list[FinishedRun]:
 
 @lru_cache(512)
 def _record(path: Path, changed: int) -> FinishedRun | None:
-    """A run, cached until its file changes; None for another version."""
+    """A run, cached until its file changes; None if it is of another version or unreadable."""
     try:
         return parse(path.read_text(encoding="utf-8"), FinishedRun, where=str(path)).changed(
             folder=f"{RUNS}/{path.parent.name}"
@@ -147,7 +148,7 @@ def output(folder: Folder, run: FinishedRun) -> dict[str, Any]:
 
 
 def text_of(folder: Folder, run: FinishedRun, name: str) -> str:
-    """Content of one of a run's files; empty if it has none of that name."""
+    """Content of one of a run's files; empty if the file does not exist."""
     path = folder.root / run.folder / name
     return path.read_text(encoding="utf-8") if path.is_file() else ""
 
@@ -167,7 +168,7 @@ def describe_fit(folder: Folder, run: FinishedRun) -> list[tuple[str, str]]:
 
 
 def comparison(folder: Folder, pair: Sequence[FinishedRun]) -> list[tuple[str, ...]]:
-    """Rows of a table of runs: errors, noise, rank, settings, parameters that differ most."""
+    """Rows of a table of runs: errors, noise, rank, settings, and the most different parameters."""
     outputs = [output(folder, run) for run in pair]
     rows: list[tuple[str, ...]] = [
         ("verdict", *(str(result.get("summary", {}).get("sentence", "–")) for result in outputs)),

@@ -1,10 +1,10 @@
 """The studio's server: NiceGUI on this machine only, protected by a guard.
 
 Any web page can send requests and open websockets to this machine; through a name that resolves to
-127.0.0.1 (DNS rebinding) it even looks like the studio's own. So each request has to name this
-server (Host), come from its page where it has an Origin, and hold a cookie, which the key of the
-printed address is exchanged for. A key works once, so a copy from a history or a list of processes
-is useless. Websockets need an Origin, which browsers always send.
+127.0.0.1 (DNS rebinding) it even looks like the studio's own. So each request must name this server
+(Host), come from its page if it has an Origin, and have a cookie, which is exchanged for the key in
+the printed address. A key works once, so a copy from a history or a list of processes is useless.
+Websockets need an Origin, which browsers always send.
 """
 
 import asyncio
@@ -36,7 +36,7 @@ _REFUSED = (
     "Not the studio's own page: open the address that `deltaid studio` has printed last; each "
     "opens it once.\n"
 )
-# Content policy: pages talk to this server only.
+# Content security policy: pages communicate with this server only.
 _POLICY = (
     "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'self'; "
     "form-action 'self'; base-uri 'self'"
@@ -50,15 +50,15 @@ _HEADERS = {
 
 
 class Guard:
-    """ASGI middleware that refuses everything but the studio's own page.
+    """ASGI middleware that refuses all requests but those of the studio's own page.
 
     Args:
-        app: what it stands before.
-        port: where the server listens.
-        renewed: called when a key has been used, and another takes its place.
+        app: the protected application.
+        port: that the server listens on.
+        renewed: called when a key has been used and a new one replaces it.
 
     Attributes:
-        key: that opens the studio once, by an address that ends in `?key=…`.
+        key: opens the studio once, by an address that ends in `?key=…`.
     """
 
     def __init__(self, app: ASGIApp, port: int, renewed: Callable[[], None] = lambda: None) -> None:
@@ -68,17 +68,18 @@ class Guard:
 
     @property
     def address(self) -> str:
-        """The address that opens the studio, once."""
+        """The address that opens the studio once."""
         return f"http://{HOST}:{self.port}/?key={self.key}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on requests of the studio's own page; the first one gets the cookie for its key."""
+        """Pass on requests of the studio's own page; the first one exchanges its key for the
+        cookie."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
         asked, websocket = HTTPConnection(scope), scope["type"] == "websocket"
         hosts, origins = asked.headers.getlist("host"), asked.headers.getlist("origin")
-        # A cookie belongs to one name of this machine, and so does a page.
+        # A cookie belongs to one host name of this machine, and so must the page.
         if is_own(hosts, origins, self.port, websocket=websocket) and (
             not origins or origins[0].lower() == f"http://{hosts[0].lower()}"
         ):
@@ -94,7 +95,7 @@ class Guard:
             await PlainTextResponse(_REFUSED, 403)(scope, receive, send)
 
     async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on a request; a page that was left gets no answer, which is no error."""
+        """Pass on a request; if the page was left, it gets no answer, which is no error."""
         left = False
 
         async def receiving() -> Message:
@@ -117,9 +118,9 @@ class Guard:
                 raise
 
     async def _welcome(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Exchange the key for a cookie, by a page that continues to the studio without it.
+        """Exchange the key for a cookie, with a page that continues to the studio without the key.
 
-        A redirection would not do: where a file has led to it, browsers keep a strict cookie back.
+        A redirect would fail: if a local file has led to it, browsers withhold a strict cookie.
         """
         self.key = secrets.token_urlsafe()
         self.renewed()
@@ -145,7 +146,7 @@ _FAVICON = (
     'rx="7" fill="#1f5fa8"/><path d="M6 8h20L16 25z" fill="none" stroke="#fff" stroke-width="3" '
     'stroke-linejoin="round"/></svg>'
 )
-# Ports to try by default.
+# Ports that are tried by default.
 PORTS = (*range(8090, 8110), 0)
 
 
@@ -166,8 +167,8 @@ async def _tell(guard: Guard, say: Callable[[str], None], page: Path | None) -> 
 
 @contextmanager
 def _opening(guard: Guard, folder: Path) -> Generator[Path, None, None]:
-    """A page readable by this account only that leads to the studio: a browser's command line,
-    which all accounts can read, then contains no key."""
+    """A page that only this account can read and that leads to the studio, so that the browser's
+    command line, which all accounts can read, contains no key."""
     with tempfile.NamedTemporaryFile(
         "w", dir=folder, prefix="open-studio-", suffix=".html", encoding="utf-8", delete=False
     ) as file:
@@ -183,19 +184,20 @@ def serve(path: Path, port: int, *, show: bool, say: Callable[[str], None]) -> N
     """Serve a folder until Ctrl-C.
 
     Args:
-        path: of the folder; made if there is none.
+        path: of the folder, which is made if it does not exist.
         port: a free one.
         show: whether to open a browser.
-        say: called with the address once it answers, and with another one when that was used.
+        say: called with the address once the server answers, and with the next one when that is
+            used.
 
     Raises:
         DeltaidError: the folder cannot be used.
     """
     session = Session(Folder.open(path))
     whole = FastAPI(openapi_url=None)
-    guard = Guard(whole, port)  # before everything else, whatever the library adds
+    guard = Guard(whole, port)  # wraps everything else that the library adds
     build(session)
-    # Errors that a page shows are no defects.
+    # Errors that a page shows are not logged as defects.
     logging.getLogger("nicegui").addFilter(lambda line: not isinstance(line.msg, DeltaidError))
     with _opening(guard, session.folder.root) if show else nullcontext() as page:
 

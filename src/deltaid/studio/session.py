@@ -38,10 +38,10 @@ class Session:
 
     Attributes:
         job: the step that runs now, or ran last.
-        dark: how pages look; as the system does where None.
-        drafts: what is being edited and is not saved yet, by the name of its file.
-        choices: what was chosen for a step last, by the name of the field.
-        poses: where the robot that is shown has been moved to.
+        dark: whether pages are dark; None follows the system.
+        drafts: edits that are not saved yet, by the name of their file.
+        choices: the user's last choices for steps, by the name of the field.
+        poses: requested poses of displayed robots.
     """
 
     def __init__(self, folder: Folder) -> None:
@@ -68,7 +68,7 @@ class Session:
         return self.job is not None and self.job.state == "running"
 
     def robot(self) -> RobotDescription | DeltaidError | None:
-        """The chosen robot, or its error; None without one."""
+        """The chosen robot, or its error; None if no robot is chosen."""
         name = self.plan.robot
         if name is None:
             return None
@@ -83,14 +83,15 @@ class Session:
         return self._robots[key]
 
     def place(self, robot: str) -> str:
-        """A robot's or model's name for functions: catalogue names stay, files get their path."""
+        """Argument for functions from a robot's or model's name: catalogue names stay, files get
+        paths."""
         return robot if robot in catalogue() else str(self.folder.path(robot))
 
     def begin(self, kind: Kind, make: Callable[[str], Step]) -> Job:
-        """Start a step in a folder of its own.
+        """Start a step in a new folder.
 
         Raises:
-            DeltaidError: another one runs.
+            DeltaidError: another step runs.
         """
         if self.busy:
             raise DeltaidError(
@@ -112,17 +113,17 @@ class Session:
         return next((run for run in runs(self.folder) if run.kind == kind and run.succeeded), None)
 
     def grade(self) -> str:
-        """Grade of the last check, if it is of the present plan; else empty."""
+        """Grade of the last check if it applies to the present plan, else empty."""
         last = self.last("check")
         if last is None or last.of != digest(self.folder, self.plan):
             return ""
         return str(output(self.folder, last).get("grade", ""))
 
     async def look(self, function: Callable[..., _Found], *given: Any) -> _Found:
-        """Call a function on files in a process of its own; cached until they change.
+        """Call a function on files in a separate process; the result is cached until they change.
 
         Raises:
-            DeltaidError: as the function, or its process was ended.
+            DeltaidError: as the function, or the process was killed.
         """
         key = (
             function.__name__,
@@ -136,19 +137,19 @@ class Session:
         return self._seen[key]
 
     async def glance(self, function: Callable[..., _Found], *given: Any) -> _Found:
-        """The same without the cache."""
+        """Call a function in the separate process without the cache."""
         pool, loop = self.warm(), asyncio.get_running_loop()
         try:
             with self.folder.called_by_name():
                 return await loop.run_in_executor(pool, partial(function, *given))
-        except BrokenProcessPool:  # killed from outside, as for lack of memory
+        except BrokenProcessPool:  # killed from outside, for example for lack of memory
             if self._pool is pool:
                 self._pool = None
             what = "the process that reads files was ended, perhaps for want of memory"
             raise DeltaidError(what, where="studio", cure="load the page again") from None
 
     def warm(self) -> ProcessPoolExecutor:
-        """Start the process that reads files, if it does not run."""
+        """The pool with the process that reads files, started if it does not run."""
         if self._pool is None:
             self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
             self._pool.submit(ready)
@@ -165,7 +166,7 @@ class Session:
             self._pool.shutdown(cancel_futures=True)
 
     async def _run(self, job: Job) -> None:
-        """Run a job to its end in any case, and use the model of a fit."""
+        """Run a job to its end in any case, and put the model of a fit to use."""
         try:
             await job.go()
         except DeltaidError as error:
@@ -180,7 +181,7 @@ class Session:
         self.store.tell()
 
     def stamped(self, name: str) -> str:
-        """Stamp of a file of the folder; empty for anything else."""
+        """Stamp of a file in the folder; empty for anything else."""
         if name in catalogue() or not self.folder.has(name):
             return ""
         return f"{name} {stamp(self.folder.path(name))}"
@@ -221,7 +222,7 @@ def _is_mapped(session: Session, used: Used) -> bool:
         return False
     try:
         return not incomplete(read(folder.text(name), name), tuple(robot.drives))
-    except DeltaidError:  # the page of recordings explains
+    except DeltaidError:  # the page of recordings shows the error
         return False
 
 

@@ -1,4 +1,4 @@
-"""A robot at a requested pose, computed in a process of its own: the data of a picture."""
+"""Picture data of a robot at a requested pose, computed in a separate process."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,11 +34,11 @@ class Stage:
 
     Attributes:
         axes: of the platform, in the order of z; angles in degrees.
-        colors, radii: of each segment [m].
-        legend: what each colour is.
+        colors, radii: of each segment; radii in m.
+        legend: colour of each kind of member.
         edges: of the workspace [m].
         size: of the robot at home [m].
-        home: where it stands at first, in the units of the axes.
+        home: initial pose, in the units of the axes.
     """
 
     axes: tuple[Axis, ...]
@@ -55,10 +55,10 @@ def stage(robot: str, changed: str) -> Stage:
 
     Args:
         robot: name or file.
-        changed: something else whenever the file is.
+        changed: differs whenever the file has changed.
 
     Raises:
-        DeltaidError: it cannot be read, cannot stand in its workspace, or moves in a plane only.
+        DeltaidError: the robot is invalid, cannot stand in its workspace, or moves in a plane only.
     """
     rest, skeleton = _built(robot, changed)
     size = float(np.ptp(skeleton.evaluate(rest.home[None]).reshape(-1, 3), axis=0).max())
@@ -78,14 +78,14 @@ def stage(robot: str, changed: str) -> Stage:
 def stand(
     robot: str, changed: str, wanted: Sequence[float], before: Sequence[float]
 ) -> tuple[View, Placement]:
-    """Readings of a robot at a pose, and where its segments are; out of reach it keeps the pose
-    before, with a message.
+    """Readings of a robot at a pose, and the places of its segments; out of reach it keeps its last
+    pose, with a message.
 
     Args:
         robot: name or file.
-        changed: something else whenever the file is.
-        wanted: the pose in the units of the axes.
-        before: the pose where it stood last.
+        changed: differs whenever the file has changed.
+        wanted: requested pose in the units of the axes.
+        before: last pose, in the same units.
 
     Raises:
         DeltaidError: as `stage`.
@@ -106,7 +106,7 @@ def _built(robot: str, _changed: str) -> tuple[AtRest, Skeleton]:
 
 
 def _units(rest: AtRest) -> Float[np.ndarray, " dof"]:
-    """Display factors of coordinates: metres stay, radians become degrees."""
+    """Factors from coordinates to displayed units: metres stay, radians become degrees."""
     return np.array([1.0, 1.0, 1.0, *(np.rad2deg(1.0) for _ in range(rest.dynamics.dof - 3))])
 
 

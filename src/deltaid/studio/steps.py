@@ -21,10 +21,10 @@ class Step:
     """One command, run in the studio's folder.
 
     Attributes:
-        kind: what it is.
-        arguments: behind `deltaid`, with names relative to the folder.
-        python: a script that does the same there.
-        reads: files of the folder that go into it.
+        kind: of the command.
+        arguments: after `deltaid`, with names relative to the folder.
+        python: an equivalent script.
+        reads: input files in the folder.
     """
 
     kind: Kind
@@ -40,14 +40,14 @@ class Step:
 
 
 def show_step(robot: str, report: str) -> Step:
-    """The robot to look at, with what it reaches and its limits."""
+    """Show the robot with its reach and limits."""
     return _step(
         "show", (robot,), {"report": report}, f"deltaid.load({robot!r}).robot.report({report!r})\n"
     )
 
 
 def check_step(plan: Plan, folder: str) -> Step:
-    """All checks of the robot and of the recordings of fit and verification."""
+    """Check the robot and the recordings of fit and verification."""
     robot, files = plan.robot or "", [recording.file for recording in plan.used]
     seen = Settings(cutoff=plan.settings.cutoff, keep_all=plan.settings.keep_all)
     asked = {"columns": _mappings(plan.used)} | _changed_settings(seen)
@@ -100,7 +100,7 @@ result.save({motion!r})
 
 
 AlongKind = Literal["torque", "simulate", "forces"]
-# Steps along a motion: the file they make, its option, and Python for the result.
+# Steps along a motion: name of the output file, name of the option, and Python for the result.
 _ALONG: dict[AlongKind, tuple[str, str, str]] = {
     "torque": (
         "feed-forward.csv",
@@ -163,7 +163,7 @@ def export_step(
     single: bool = False,
     fmi: str = "2",
 ) -> Step:
-    """Export a model; `output` is a file or a folder with a slash."""
+    """Export a model; `output` is a file, or a folder if it ends in a slash."""
     asked = {
         "plain_friction": plain_friction or None,
         "without_friction": without_friction or None,
@@ -180,7 +180,7 @@ print(written.paths, *written.warnings)
 
 
 def insisting(step: Step) -> Step:
-    """The same step that accepts a poor model; Python does not refuse it."""
+    """The step with acceptance of a poor model; its Python needs no change."""
     return replace(step, arguments=(*step.arguments, "--force"))
 
 
@@ -198,11 +198,11 @@ def _step(
     """A step from the parts of its command.
 
     Args:
-        kind: what it is.
-        given: what stands behind the command, files and robots.
-        asked: values of options by their names in Python, last of files that it makes.
-        python: what does the same, without the import.
-        reads: files that go into it, if they are more than those given and one mapping.
+        kind: of the command.
+        given: positional arguments, files and robots.
+        asked: values of options by their Python names, with output files last.
+        python: the equivalent script, without the import.
+        reads: input files, unless they are `given` and one mapping.
     """
     command = "identify" if kind == "fit" else kind
     arguments = (command, *given, *(word for o in asked.items() for word in _option(*o)))
@@ -211,7 +211,7 @@ def _step(
 
 
 def _test(model: str, used: Used, **asked: object) -> str:
-    """Python for the errors of a model, which is given as Python too, on a recording."""
+    """Python for the errors of a model, which is given as Python, on a recording."""
     call = _call("deltaid.validate", model, repr(used.file), columns=used.mapping, **asked)
     return f"""\
 error, log = {call}
@@ -220,11 +220,11 @@ print("normalised torque error of each drive:", error.nrmse)
 
 
 def _call(function: str, *given: str, **named: object) -> str:
-    """A call as Python, without arguments that are None; over several lines where one is too long.
+    """A call as Python, without arguments that are None, split into several lines if it is long.
 
     Args:
-        given: arguments by place, as Python.
-        named: values of arguments by name.
+        given: positional arguments, as Python.
+        named: values of keyword arguments.
     """
     words = [*given, *(f"{name}={value!r}" for name, value in named.items() if value is not None)]
     line = f"{function}({', '.join(words)})"
@@ -242,13 +242,13 @@ def _reads(plan: Plan) -> tuple[str, ...]:
 
 
 def _changed_settings(settings: Settings) -> dict[str, Any]:
-    """Settings other than the default ones, as a user writes them."""
+    """Settings that differ from the defaults, as plain values."""
     default = Settings().model_dump()
     return {k: value for k, value in settings.model_dump().items() if value != default[k]}
 
 
 def _option(key: str, value: Any) -> list[str]:
-    """An option of the command line; nothing where it is None or False."""
+    """An option of the command line; empty for None and False."""
     name = "--" + key.replace("_", "-")
     match value:
         case bool() if key == "events":
@@ -259,14 +259,14 @@ def _option(key: str, value: Any) -> list[str]:
             return [name]
         case list():
             return [word for each in value for word in (name, str(each))]
-        case tuple():  # may begin with a minus
+        case tuple():  # its text may begin with a minus
             return [f"{name}={typed(value)}"]
         case _:
             return [name, typed(value)]
 
 
 def typed(value: Any) -> str:
-    """A value as a user types it: lags in ms, nothing for None."""
+    """A value as a user types it: lags in ms, an empty text for None."""
     if isinstance(value, tuple):
         return ",".join(f"{1e3 * lag:.10g}" for lag in value)
     return "" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)

@@ -1,10 +1,10 @@
-"""Messages of the command line in the words of the pages: without options and keys of files."""
+"""Messages of the command line in the words of the pages, without options and keys of files."""
 
 import re
 
-# The switch in place of --force.
+# Label of the switch that replaces --force.
 INSIST = "Go on all the same"
-# Pages in place of commands.
+# Names of pages that replace commands.
 _PAGES = {
     "check": "the page Check",
     "identify": "the page Fit",
@@ -13,7 +13,7 @@ _PAGES = {
     "robots": "the page Robot",
     "show": "the page Robot",
 }
-# Names of options on pages, where they differ.
+# Labels of options on pages, where they differ from the options' names.
 _OPTIONS = {
     "cutoff": "cut-off",
     "lag": "setting Lag",
@@ -47,7 +47,7 @@ _DRIVE = re.compile(r"\b(position|velocity|acceleration|torque)\[(\d+)\]")
 
 
 def page_words(text: str) -> str:
-    """A message with words of the pages in place of options, commands and keys."""
+    """A message with the pages' words in place of options, commands and keys."""
     for pattern, words in _FIXED:
         text = re.sub(pattern, words, text)
     text = _COMMAND.sub(lambda match: _PAGES.get(match[1], match[0]), text)

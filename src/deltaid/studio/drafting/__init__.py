@@ -1,1 +1,1 @@
-"""Descriptions from a few numbers: questions, assumptions, and how to find out the numbers."""
+"""Descriptions from a few numbers: questions, assumptions, and where to find the numbers."""

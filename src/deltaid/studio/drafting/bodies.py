@@ -1,4 +1,4 @@
-"""Bodies of a draft: simple solids of the right mass, with the entries that torques determine."""
+"""Bodies of a draft: simple solids of the given mass, with the entries that torques determine."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ class Drawn:
     Attributes:
         name: of the body.
         comment: what it is.
-        shape: one shape of YAML.
-        free: entries that may change.
-        mass: key of the question that its mass is from.
+        shape: its shape as YAML.
+        free: entries that a fit may change.
+        mass: key of the question that its mass comes from.
     """
 
     name: str
@@ -61,7 +61,7 @@ def bodies(kind: str, a: Mapping[str, float]) -> list[Drawn]:
 def _platform(kind: str, a: Mapping[str, float]) -> list[tuple[str, str, str, str]]:
     """Name, comment, shape and free entries of a platform's parts.
 
-    A platform's mass is shared among them as in machines of its kind.
+    They share the platform's mass in the proportions of existing machines.
     """
     mass = a["platform_mass"]
     match platform_of(kind):
@@ -85,18 +85,18 @@ def _platform(kind: str, a: Mapping[str, float]) -> list[tuple[str, str, str, st
 
 
 def stroke(a: Mapping[str, float]) -> tuple[float, float]:
-    """Shortest and longest telescope in the workspace, with a margin [m]."""
+    """Shortest and longest telescope within the workspace, with a margin [m]."""
     near, far = abs(a["high"]), float(np.hypot(a["low"], a["radius"]))
     return float(np.floor(950 * near)) / 1e3, float(np.ceil(1050 * far)) / 1e3
 
 
 def tube(a: Mapping[str, float]) -> float:
-    """Length of either tube: both overlap at the longest stroke [m]."""
+    """Length of either tube [m]; the tubes still overlap at the longest stroke."""
     return rounded(0.55 * stroke(a)[1], 3)
 
 
 def _size(mass: float) -> float:
-    """Length of a cylinder that is as wide as long [m]."""
+    """Length of a cylinder whose diameter equals its length [m]."""
     return rounded((4 * mass / (np.pi * _METAL)) ** (1 / 3), 3)
 
 
@@ -105,7 +105,7 @@ def _metal_block(axis: str, mass: float) -> str:
 
 
 def _rod(axis: str, length: float, mass: float, density: float, middle: float = 0.0) -> str:
-    """A solid cylinder centred on an axis, whose mass gives its thickness."""
+    """A solid cylinder centred on an axis, as thick as its mass requires."""
     radius = rounded(float(np.sqrt(mass / (np.pi * density * length))), 3)
     centre = ", ".join(repr(middle) if name == axis and middle else "0" for name in "xyz")
     return (

@@ -1,4 +1,4 @@
-"""Drafts: a robot by a few numbers in a user's notation, each with its origin."""
+"""Drafts: a robot from a few numbers in a user's notation, each with its origin."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -21,7 +21,7 @@ from deltaid.studio.drafting.questions import (
 from deltaid.studio.folder import LONGEST
 
 GIVEN, ASSUMED = "given", "assumed"
-# A telescope's drive comes after those of three limbs.
+# The tool's drive is numbered after those of the three limbs.
 _TOOL = "drive4"
 
 
@@ -33,11 +33,11 @@ class Draft:
         kind: of robot, a key of `KINDS`.
         name, title: as in the description.
         values: numbers by the keys of the questions.
-        origins: where each comes from: given, assumed, or the robot that it was taken from.
-        offered: numbers of a robot to start from, which stand where nothing else is given.
+        origins: origin of each value: given, assumed, or the robot that it was taken from.
+        offered: numbers of a robot to start from, which replace assumptions.
         source: that robot.
-        found: the workspace that the lengths reach, once it is known: found_radius, found_low, …
-        found_for: the answers that it was found for.
+        found: the workspace that the lengths allow, once it is computed: found_radius, found_low, …
+        found_for: the answers that it was computed for.
     """
 
     kind: str
@@ -51,21 +51,21 @@ class Draft:
     found_for: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def answered(self, key: str, value: float, origin: str) -> "Draft":
-        """With one more answer."""
+        """The draft with one more answer."""
         values, origins = {**self.values, key: value}, {**self.origins, key: origin}
         return replace(self, values=values, origins=origins)
 
     def answered_in_words(
         self, texts: Mapping[str, str | None], named: Callable[[Question], str]
     ) -> "Draft":
-        """With answers in a user's notation.
+        """The draft with answers in a user's notation.
 
         Args:
             texts: such as '235 mm' by the keys of the questions; None is no answer.
-            named: what messages call a question.
+            named: name of a question in messages.
 
         Raises:
-            DeltaidError: an answer is none, or this kind of robot has nothing of it.
+            DeltaidError: an answer is invalid, or this kind of robot lacks the question.
         """
         draft = self
         for question in QUESTIONS:
@@ -84,7 +84,7 @@ class Draft:
         return draft
 
     def offer(self, question: Question) -> tuple[float, str] | None:
-        """Offered or assumed value with its origin; None if there is none."""
+        """Offered or assumed value with its origin; None if neither exists."""
         if question.key in self.offered:
             return self.offered[question.key], f"from {self.source}"
         if question.assumed is None:
@@ -93,7 +93,7 @@ class Draft:
         return min(max(guess, question.low), question.high), ASSUMED
 
     def completed(self) -> "Draft":
-        """With offered or assumed values of everything that is not known.
+        """The draft with offered or assumed values of all missing numbers.
 
         Raises:
             DeltaidError: a number without a default is missing.
@@ -106,10 +106,10 @@ class Draft:
         return draft
 
     def require_known(self) -> None:
-        """Raise for a draft that lacks a number without a default.
+        """Refuse a draft that lacks a number without a default.
 
         Raises:
-            DeltaidError: with the options that give it.
+            DeltaidError: a number is missing; with the options that give it.
         """
         missing = [
             question.option
@@ -126,10 +126,10 @@ class Draft:
             )
 
 
-# A number, then units of names, small powers, products and quotients; the text is never evaluated
-# beyond that.
+# A number, then names of units with small powers, products and quotients; other text is never
+# evaluated.
 _GRAMMAR = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?)\s*([A-Za-zµμ°²³^*/·\d\s]*)")
-# Examples of numbers with some units.
+# Examples of numbers with units, for messages.
 _EXAMPLES = {
     "m": "200 mm or 0.2 (m)",
     "kg": "800 g or 0.8 (kg)",
@@ -146,16 +146,17 @@ def read_answer(question: Question, text: str, where: str) -> float:
     """The number of an answer; `where` is its name in messages.
 
     Raises:
-        DeltaidError: it is no number with a unit of the kind, or no machine can have it.
+        DeltaidError: it is no number with a suitable unit, or is outside the possible range.
     """
     return question.require(quantity(text, question.unit, where), where)
 
 
 def quantity(text: str, unit: str, where: str = "the answer") -> float:
-    """A number in `unit`, which is also the default unit. `where` is its name in messages.
+    """A number in `unit`, which is also the unit of a plain number. `where` is its name in
+    messages.
 
     Raises:
-        DeltaidError: it is no number, or its unit is of another kind.
+        DeltaidError: it is no number, or its unit is unsuitable.
     """
     import pint
 
@@ -171,7 +172,7 @@ def quantity(text: str, unit: str, where: str = "the answer") -> float:
         return number
     for sign, name in (("°", "degree"), ("·", "*"), ("²", "**2"), ("³", "**3"), ("^", "**")):
         words = words.replace(sign, name)
-    words = re.sub(r"(?<=[A-Za-z])([23])\b", r"**\1", words)  # cm2, as on a keyboard without ²
+    words = re.sub(r"(?<=[A-Za-z])([23])\b", r"**\1", words)  # cm2, typed without ²
     # Spaces between names are products.
     words = re.sub(r"(?<=[A-Za-zµμ\d])\s+(?=[A-Za-zµμ])", "*", words)
     try:
@@ -196,7 +197,7 @@ def kind_of(robot: RobotDescription) -> str:
     """Kind of a robot, a key of `KINDS`.
 
     Raises:
-        DescriptionError: it is none of them.
+        DescriptionError: it is of another kind.
     """
     if robot.limbs is None:
         raise DescriptionError(
@@ -212,20 +213,20 @@ def kind_of(robot: RobotDescription) -> str:
     return "linear-delta" if linear else "delta"
 
 
-# Bodies of a platform with their counts.
+# Bodies of each platform with their numbers.
 _PARTS = {
     "rigid": {"P": 1}, "h4": {"SB": 2, "MB": 1}, "i4": {"HP": 2}, "par4": {"MP": 2, "R": 2},
 }  # fmt: skip
 
 
 def answers(robot: RobotDescription) -> dict[str, float]:
-    """Answers that a robot gives to the questions of its kind.
+    """Answers to the questions of its kind that describe a robot.
 
-    Motors are those of the first drive, behind their gear; arms and carriages are asked for
-    different numbers of them.
+    Motors are those of the first drive, related to the joint, so their gear is 1; arms and
+    carriages have different questions about them.
 
     Raises:
-        DescriptionError: it is of no kind that can be asked for.
+        DescriptionError: there are no questions for the robot's kind.
     """
     kind, limb, platform = kind_of(robot), robot.limb_geometry[0], robot.platform
     tilt = robot.limbs.tilt_deg if robot.limbs else 0.0
@@ -277,6 +278,6 @@ def answers(robot: RobotDescription) -> dict[str, float]:
             "tool_turn": max(abs(angle) for angle in platform.angle_deg),
             "tool_speed": platform.speed_deg_s,
         }
-    # Of all these its kind is asked for some.
+    # The questions of its kind need only some of these values.
     numbers = {question.key: values.get(question.key) for question in questions_of(kind)}
     return {key: float(f"{value:.12g}") for key, value in numbers.items() if value is not None}

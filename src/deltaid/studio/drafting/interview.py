@@ -1,4 +1,4 @@
-"""Interview about a robot: answers are checked at once, and groups of them for consistency."""
+"""Interview about a robot: each answer is checked at once, and each group for consistency."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -21,7 +21,7 @@ from deltaid.studio.steps import Step
 
 @runtime_checkable
 class Asker(Protocol):
-    """The source of answers."""
+    """A user interface that asks for answers."""
 
     def ask(self, question: Question, offer: tuple[float, str] | None) -> str:
         """An answer in a user's notation; empty to accept the offer."""
@@ -33,10 +33,10 @@ class Asker(Protocol):
 
 
 def interview(draft: Draft, asker: Asker | None = None) -> Draft:
-    """A complete draft: missing numbers are asked for, or assumed where nobody answers.
+    """A complete draft: missing numbers are asked for, or assumed if there is no asker.
 
     Raises:
-        DeltaidError: numbers are missing without anybody to ask, or are inconsistent.
+        DeltaidError: numbers are missing without an asker, or are inconsistent.
     """
     if asker is None:
         draft.require_known()
@@ -47,7 +47,7 @@ def interview(draft: Draft, asker: Asker | None = None) -> Draft:
 
 
 def _settled(draft: Draft, group: Group, asker: Asker) -> Draft:
-    """A group's answers, asked again, including given ones, until they are consistent."""
+    """A group's answers, all asked again, including given ones, until they are consistent."""
     questions = [question for question in questions_of(draft.kind) if question.group == group]
     again = False
     while True:
@@ -79,7 +79,7 @@ def _answered(draft: Draft, question: Question, asker: Asker) -> Draft:
 
 _SPACE = ("radius", "low", "high")
 _RANGES = (("angle_low", "angle_high"), ("rail_low", "rail_high"), ("low", "high"))
-# Size of a first small workspace, as a share of the struts', before the search for the real one.
+# Size of the trial workspace before the search for the real one, as a share of the struts' length.
 _FIRST = 0.02
 
 
@@ -87,26 +87,26 @@ def description(draft: Draft) -> RobotDescription:
     """The robot that a complete draft describes.
 
     Raises:
-        DeltaidError: its numbers contradict each other.
+        DeltaidError: its numbers are inconsistent.
     """
     try:
         return described_in(written(draft), draft.name)
-    except DescriptionError as error:  # it refers to lines of an unwritten file
+    except DescriptionError as error:  # refers to lines of a file that does not exist
         raise DeltaidError(
             re.sub(r"^line \d+, ", "", error.what), where="the answers", cure=_reach(draft)
         ) from None
 
 
 def unusual(draft: Draft) -> tuple[str, ...]:
-    """Doubts of `deltaid check` on a draft's masses, which may be right all the same."""
+    """Doubts of `deltaid check` about a draft's masses, which may be right nevertheless."""
     verdicts = checked_priors(description(draft))
     return tuple(f"{v.subject}: {v.seen}; {v.cure}" for v in verdicts if v.grade is not Grade.GOOD)
 
 
 def require_group(draft: Draft, group: Group) -> Draft:
-    """A draft with consistent answers so far, and what follows from them.
+    """The draft if its answers so far are consistent, with values that follow from them.
 
-    Masses that are unusual for a robot of its size are left in doubt; the machine may have them.
+    Masses that are unusual for a robot of its size are accepted; the machine may have them.
 
     Raises:
         DeltaidError: they are inconsistent, with the finding and the fix.
@@ -128,10 +128,10 @@ def require_group(draft: Draft, group: Group) -> Draft:
 
 
 def _with_space(draft: Draft) -> Draft:
-    """A draft with the reach of its robot as the assumed workspace.
+    """The draft with the robot's reach as assumed workspace.
 
     Raises:
-        DeltaidError: the lengths do not go together, or nothing is within reach.
+        DeltaidError: the lengths are inconsistent, or nothing is within reach.
     """
     draft = _own_space(draft)
     bare = _without(draft, _SPACE)
@@ -150,13 +150,13 @@ def _with_space(draft: Draft) -> Draft:
         return draft
     robot = description(trial)
     if robot.telescope is not None:
-        # The assumed stroke follows from the workspace, not the reverse.
+        # The assumed stroke follows from the workspace, not the other way round.
         robot = robot.changed(telescope=robot.telescope.changed(stroke=None))
     space = find_space(robot, middle, a["strut"])
     return replace(_with_found_space(draft, space.radius, *space.z), found_for=poses)
 
 
-# Numbers without effect on the reach.
+# Numbers that do not affect the reach.
 _OF_FORCES = frozenset(
     ("arm_mass", "carriage_mass", "strut_mass", "platform_mass", "tool_mass", "telescope_mass",
      "gear", "torque", "rail_force", "speed", "rail_speed", "rotor", "rotor_mass", "tool_speed",
@@ -166,7 +166,7 @@ _OF_FORCES = frozenset(
 
 
 def _own_space(draft: Draft) -> Draft:
-    """The draft without the workspace of its source robot where other lengths were given."""
+    """The draft without the workspace of its source robot if other lengths were given."""
     keys = [question.key for question in questions_of(draft.kind) if question.group == "lengths"]
     if all(draft.values.get(k, draft.offered.get(k)) == draft.offered.get(k) for k in keys):
         return draft
@@ -205,7 +205,7 @@ def _require_ordered(a: Mapping[str, float]) -> None:
 
 
 def _refuse(draft: Draft, verdicts: Iterable[Verdict]) -> None:
-    """Raise the first verdict that is not good, except on unusual masses."""
+    """Raise an error for the first verdict that is not good, except on unusual masses."""
     for verdict in verdicts:
         unusual_mass = verdict.key == "prior-scale" and verdict.grade is Grade.DOUBTFUL
         if verdict.grade is not Grade.GOOD and not unusual_mass:
@@ -215,7 +215,7 @@ def _refuse(draft: Draft, verdicts: Iterable[Verdict]) -> None:
 
 
 def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
-    """The description of a robot as YAML; missing answers are assumed, and marked so.
+    """The description of a robot as YAML; missing answers are assumed and marked so.
 
     Args:
         kind: a key of `KINDS`.
@@ -223,7 +223,7 @@ def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
         answers: texts such as '235 mm' by the keys of the questions.
 
     Raises:
-        DeltaidError: an answer is none, something is missing, or they do not go together.
+        DeltaidError: an answer is invalid, a necessary one is missing, or they are inconsistent.
     """
     texts = answered(kind, answers)
     missing = [q.text for q in questions_of(kind) if q.assumed is None and q.key not in texts]
@@ -238,7 +238,7 @@ def drafted(kind: str, name: str, answers: Mapping[str, str]) -> str:
 
 
 def new_step(kind: str, file: str, answers: Mapping[str, str]) -> Step:
-    """A description of a robot of one's own, from a few numbers."""
+    """A description of a user's own robot from a few numbers."""
     given = answered(kind, answers)
     options = [w for q in questions_of(kind) if q.key in given for w in (q.option, given[q.key])]
     known = {key: answers[key] for key in given}

@@ -1,6 +1,6 @@
 """Questions about a new robot, in order, with their default answers.
 
-Imports nothing that is slow: the help of `deltaid new` is made of it.
+Imports nothing slow, because `deltaid new` builds its help from this module.
 """
 
 import math
@@ -45,33 +45,33 @@ def limbs_of(kind: str) -> int:
 
 
 ALL = frozenset(KINDS)
-# Kinds with carriages on rails, and with arms on motors.
+# Kinds with carriages on rails, and kinds with arms on motors.
 LINEAR = frozenset(kind for kind in KINDS if "linear" in kind)
 ROTARY = ALL - LINEAR
-# Kinds with a turning tool, by platform or telescope bar.
+# Kinds with a turning tool, by their platform or by a telescopic bar.
 ARTICULATED = frozenset(kind for kind in KINDS if platform_of(kind) != "rigid")
 TELESCOPE = frozenset({"delta-4"})
 TURNING = ARTICULATED | TELESCOPE
-# Kinds with a bar that turns within the platform, or with two sliding half platforms.
+# Kinds with a bar that turns within the platform, and with two sliding half platforms.
 _BAR = frozenset(kind for kind in KINDS if platform_of(kind) in ("h4", "par4"))
 _SLIDE = ARTICULATED - _BAR
-# Kinds whose limbs end on a circle.
+# Kinds with all limbs on circles of base and platform.
 _ROUND = frozenset(kind for kind in KINDS if platform_of(kind) != "h4")
 
 
 @dataclass(frozen=True)
 class Question:
-    """A number that is asked for.
+    """A question for a number.
 
     Attributes:
-        key: its name among the answers, and of its option with dashes.
-        text: what it is.
-        unit: as pint writes it; empty for a plain number.
-        low, high: what a machine may have.
-        how: how to find it out.
+        key: its name among the answers; with dashes, the name of its option.
+        text: the quantity in words.
+        unit: in pint's notation; empty for a plain number.
+        low, high: range of possible values.
+        how: where to find the number.
         of: kinds of robots that have it.
-        assumed: default from kind and earlier answers; None where there is none.
-        group: what it is asked with.
+        assumed: default from kind and earlier answers; None if there is none.
+        group: of questions that are asked together.
     """
 
     key: str
@@ -100,11 +100,11 @@ class Question:
         return f"{self.text} [{self.shown_unit}]" if self.unit else self.text
 
     def require(self, value: float, where: str = "") -> float:
-        """The value, if a machine can have it; `where` is its name in messages, by default the
-        option.
+        """The value, if it is in the possible range; `where` is its name in messages, by default
+        the option.
 
         Raises:
-            DeltaidError: it cannot be.
+            DeltaidError: it is outside.
         """
         if not self.low <= value <= self.high:
             unit, small = f" {self.shown_unit}".rstrip(), {"m": "mm", "kg": "g"}.get(self.unit)
@@ -117,18 +117,19 @@ class Question:
         return value
 
 
-# Platform acceleration of assumed motors [m/s²], and their strength as a multiple of one limb's
-# need.
+# Platform acceleration that assumed motors reach [m/s²], and their strength as a multiple of what
+# one limb needs for it.
 _ACCELERATION, _MORE = 40.0, 2.0
 _UPWARDS = _MORE * (GRAVITY + _ACCELERATION)
-# Largest mass of a part over the cube of arm and strut [kg/m³]: a tenth of a solid block's.
+# Density of the heaviest part: its mass over the cube of arm and strut [kg/m³], a tenth of a solid
+# block's.
 _HEAVIEST = 15.0
 # Largest assumed speed and acceleration of a platform [m/s, m/s²].
 _FASTEST, _HARDEST = 5.0, 60.0
 
 
 def rounded(value: float, digits: int = 2) -> float:
-    """A number with two digits, as it is an assumption."""
+    """A number with few significant digits, as it is an assumption."""
     return float(f"{value:.{digits}g}")
 
 
@@ -144,14 +145,14 @@ def _mass(kind: str, a: Answers, typical: float) -> float:
 
 
 def _top_speed(kind: str, a: Answers) -> float:
-    """Half of what the drives' ends reach [m/s]."""
+    """Half of the speed of the driven ends at the drives' top speed [m/s]."""
     if kind in LINEAR:
         return rounded(min(_FASTEST, 0.5 * a["rail_speed"]))
     return rounded(min(_FASTEST, 0.5 * math.radians(a["speed"]) / a["gear"] * a["arm"]))
 
 
 def _top_acceleration(kind: str, a: Answers) -> float:
-    """Half of the motors' acceleration above gravity, because they work together [m/s²]."""
+    """Half of one motor's acceleration beyond gravity, because motors work together [m/s²]."""
     if kind in LINEAR:
         most = a["rail_force"] / (lifted(kind, a) + a["carriage_mass"] + a["rotor_mass"])
     else:
@@ -218,7 +219,7 @@ QUESTIONS: tuple[Question, ...] = (
              1000, _SHEET, ROTARY, _constant(1.0), "motors"),
     Question("torque", "largest torque of a motor, before its gear", "N*m", 1e-5, 1e6,
              _SHEET + ": peak torque", ROTARY,
-             # Arm and load at the elbow, lifted and accelerated.
+             # Lifts and accelerates the arm, and the load at the elbow.
              lambda kind, a: rounded(_UPWARDS * _moment(kind, a) / a["gear"]), "motors"),
     Question("rail_force", "largest force that drives a carriage", "N", 1e-3, 1e6,
              _SHEET + ": torque times 2π, by the lead of a spindle or the travel of a belt a turn",
@@ -230,7 +231,7 @@ QUESTIONS: tuple[Question, ...] = (
              _constant(3.0), "motors"),
     Question("rotor", "inertia of a motor's rotor and what turns with it, before the gear",
              "kg*m**2", 1e-12, 1e4, _SHEET, ROTARY,
-             # A third of the load's inertia at the arm.
+             # A third of the load's inertia about the arm's axis, at the motor.
              lambda kind, a: rounded(0.3 * lifted(kind, a) * (a["arm"] / a["gear"]) ** 2),
              "motors"),
     Question("rotor_mass", "inertia of motor, spindle or belt, as a mass at the carriage", "kg",
@@ -240,7 +241,7 @@ QUESTIONS: tuple[Question, ...] = (
              "count the teeth", _BAR, _constant(4.0), "tool"),
     Question("pinion", "radius of the pinion between the two racks", "m", 1e-3, 1, _CALIPER,
              _SLIDE,
-             # The platform stays smaller than the circle of its limbs.
+             # Keeps the platform smaller than the circle of its limbs.
              lambda kind, a: rounded(0.018 * a["strut"]), "tool"),
     Question("tool_turn", "how far the tool turns, either way", "degree", 1, 7200, _SHEET,
              ARTICULATED, lambda kind, a: 45.0 * a["ratio"] if "ratio" in a else 180.0, "tool"),
@@ -281,6 +282,6 @@ def questions_of(kind: str) -> list[Question]:
 
 
 def answered(kind: str, answers: Mapping[str, str]) -> dict[str, str]:
-    """Texts of the answers to the questions of a kind, by their keys, without empty ones."""
+    """Answers to the questions of a kind by their keys, without empty ones."""
     texts = {question.key: answers.get(question.key, "").strip() for question in questions_of(kind)}
     return {key: text for key, text in texts.items() if text}

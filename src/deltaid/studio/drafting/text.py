@@ -23,7 +23,7 @@ _HEAD = f"""\
 # Written by `deltaid new`. Lengths in m, masses in kg, angles in degrees where a key ends in _deg.
 # Nobody has measured what is "assumed": replace it where you can, and say in `sources` where from.
 """
-# Starts with a letter and is no keyword of YAML.
+# Text that needs no quotes: it starts with a letter and is no keyword of YAML.
 _PLAIN = re.compile(
     r"(?!(?:true|false|null|yes|no|on|off|y|n)$)[A-Za-z][\w ,;.'()/+-]*", re.IGNORECASE
 )
@@ -39,11 +39,11 @@ class _Row(NamedTuple):
 
     Attributes:
         path: of the key.
-        value: as YAML; empty where a part begins, whose source then holds for all of its keys.
-        questions: whose answers it is made of; the comment says where they come from, and how to
-            find out what is assumed.
+        value: as YAML; empty at the beginning of a part, whose source then holds for all its keys.
+        questions: whose answers it is computed from; the comment states their origin and, if they
+            are assumed, where to find them.
         note: begins the comment.
-        source: where it comes from, if that is not where the answers come from.
+        source: its origin, if that is not the origin of the answers.
         below: lines that follow.
     """
 
@@ -56,7 +56,7 @@ class _Row(NamedTuple):
 
     @classmethod
     def answer(cls, draft: Draft, path: str, question: str, unit: str = "") -> "_Row":
-        """One key with the answer to one question."""
+        """A key whose value is the answer to one question."""
         return cls(path, number(draft.values[question]), (question,), unit)
 
 
@@ -87,7 +87,7 @@ def written(draft: Draft) -> str:
 
 
 def _together(draft: Draft, questions: Iterable[str]) -> str:
-    """One origin if all answers share it, or each by its name."""
+    """The common origin of some answers, or each origin with its answer's name."""
     origins = {key: draft.origins[key] for key in questions}
     if len(set(origins.values())) == 1:
         return next(iter(origins.values()))
@@ -95,7 +95,7 @@ def _together(draft: Draft, questions: Iterable[str]) -> str:
 
 
 def _other_drives(draft: Draft, first: _Row) -> list[_Row]:
-    """The same for the drives of all other limbs."""
+    """The same rows for the drives of all other limbs."""
     part, source = first.path.partition(".")[0], _together(draft, first.questions)
     drives = range(2, limbs_of(draft.kind) + 1)
     return [_Row(f"{part}.drive{i}", first.value, source=source) for i in drives]
@@ -107,12 +107,12 @@ def number(value: float) -> str:
 
 
 def _product(a: float, b: float) -> float:
-    """A product without the last bits, which are rounding: 0.4 times 3 is 1.2."""
+    """A product without rounding errors in the last bits: 0.4 times 3 is 1.2."""
     return float(f"{a * b:.12g}")
 
 
 def _scalar(text: str) -> str:
-    """Text of one line: plain words verbatim, everything else quoted."""
+    """Text of one line: plain words verbatim, all others quoted."""
     return text if _PLAIN.fullmatch(text) else json.dumps(text, ensure_ascii=not text.isprintable())
 
 
@@ -157,7 +157,7 @@ def _limbs(draft: Draft) -> list[_Row]:
 
 
 def _h4_points(a: Mapping[str, float]) -> tuple[list[list[float]], list[list[float]]]:
-    """Base and platform points of an H4, close to the prototype's [m]."""
+    """Base and platform points of an H4 with the proportions of the prototype [m]."""
     R, h = a["base_radius"], a["bar"]
     base = [[R, 0.0], [-R, 0.0], [0.35 * R, -R], [-0.35 * R, -R]]
     own = [[h / 6, -h / 3], [-h / 6, -h / 3], [-2 * h / 3, h / 3], [2 * h / 3, h / 3]]

@@ -13,15 +13,16 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.limits import Cylinder
 from deltaid.studio.drafting.questions import LINEAR
 
-# Ratio of the cylinder's height to its radius; radii to try, as shares of the struts' length;
-# directions and heights of checked rim points; allowed use of limits.
+# Ratio of the cylinder's height to its radius; largest and smallest radius, as shares of the
+# struts' length; ratio of consecutive radii; directions and levels of checked points; largest use
+# of limits.
 _TALL, _LARGEST, _SMALLEST, _STEP, _AROUND, _LEVELS, _SHARE = 0.7, 0.8, 0.03, 0.94, 24, 5, 0.97
-# Growth steps of its height, as a share of the struts' length, and their number.
+# Growth of the cylinder's height per step, as a share of the struts' length; number of steps.
 _GROWN, _GROWTHS = 0.05, 60
-# Range of its middle about the first guess, as shares of the struts' length.
+# Shifts of the cylinder's middle from the first guess, as shares of the struts' length.
 _SHIFTS = (0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.25, 0.3)
-# Angles of the arms to try, degrees down; factor by which struts exceed the sideways distance of
-# their joints.
+# Angles of the arms below horizontal that are tried [deg]; factor by which struts must exceed the
+# horizontal distance of their joints.
 _ANGLES, _SPARE = (30.0, 45.0, 60.0, 75.0), 1.02
 _LENGTHS = ("--arm", "--strut", "--base-radius", "--platform-radius")
 
@@ -30,7 +31,7 @@ def height(kind: str, a: Mapping[str, float]) -> float:
     """Distance of the platform below the base with arms 30° down, or carriages halfway [m].
 
     Raises:
-        DeltaidError: the struts do not reach from there to the platform.
+        DeltaidError: the struts are too short to reach the platform from there.
     """
     if kind in LINEAR:
         tilt, along = np.deg2rad(a["tilt"]), 0.5 * (a["rail_low"] + a["rail_high"])
@@ -54,7 +55,7 @@ def height(kind: str, a: Mapping[str, float]) -> float:
 
 
 def _angle(a: Mapping[str, float]) -> float:
-    """30° down, or farther where struts are too short for that [rad]."""
+    """30° below horizontal, or more if struts are too short for that [rad]."""
     tried = [float(np.deg2rad(np.clip(x, a["angle_low"], a["angle_high"]))) for x in _ANGLES]
     inner = a.get("platform_radius", 0.0)
     fits = (
@@ -66,7 +67,7 @@ def _angle(a: Mapping[str, float]) -> float:
 
 
 def find_space(robot: RobotDescription, middle: float, strut: float) -> Cylinder:
-    """The widest cylinder about height −`middle` that lies within reach and limits at rest.
+    """The widest cylinder about height −`middle` within the robot's reach and its limits at rest.
 
     Raises:
         DeltaidError: there is none.
@@ -101,7 +102,7 @@ def _cylinder(middle: float, radius: float) -> Cylinder:
 
 
 def _taller(at_rest: AtRest, space: Cylinder, step: float) -> Cylinder:
-    """The same radius with the largest height: rails reach farther than arms."""
+    """The highest cylinder of the same radius: rails reach farther than arms."""
     for down, up in ((step, 0.0), (0.0, step)):
         for _ in range(_GROWTHS):
             grown = space.changed(z=(space.z[0] - down, space.z[1] + up))
@@ -122,7 +123,7 @@ def _cure(robot: RobotDescription) -> str:
 
 
 def _rounded(space: Cylinder) -> Cylinder:
-    """Rounded inwards to millimetres, or to thousandths of smaller values."""
+    """The cylinder rounded inwards to millimetres, or finer if it is small."""
     unit = 10.0 ** min(-3, np.floor(np.log10(space.radius)) - 2)
     radius, low, high = (
         round(float(inwards(value / unit) * unit), round(-np.log10(unit)))
@@ -136,7 +137,7 @@ def _rounded(space: Cylinder) -> Cylinder:
 
 
 def _pose_limits(at_rest: AtRest) -> list[int]:
-    """Limits of the machine's pose, without those of workspace, torque and the tool's range."""
+    """Indices of limits of the pose, without those of workspace, torque and the tool's range."""
     last = len(at_rest.limits) - len(torque_limits(at_rest.robot))
     return [i for i in range(at_rest.of_workspace, last) if at_rest.limits[i] != "tool angle"]
 
@@ -157,7 +158,8 @@ def _worst(at_rest: AtRest, space: Cylinder) -> str:
 
 
 def _points(at_rest: AtRest, space: Cylinder) -> Float[np.ndarray, "samples dof"]:
-    """Points of the cylinder's axis, rim and halfway, with the tool's extreme and middle angles."""
+    """Points on the cylinder's axis, on its rim and halfway, with extreme and middle tool
+    angles."""
     angles = np.arange(_AROUND) * 2 * np.pi / _AROUND
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     flat = np.concatenate([np.zeros((1, 2)), 0.5 * circle, circle]) * space.radius

@@ -105,7 +105,7 @@ async def _offer(
         before = catalogue_text(robot) if robot in catalogue() else folder.text(robot)
         with folder.called_by_name():
             after = robot_text(session.place(robot), dict(changes))
-        described_in(after, name)  # raises where the changes do not fit
+        described_in(after, name)  # raises if the changes do not fit
     instead_of = before if folder.has(name) else None
 
     def write() -> None:
@@ -126,7 +126,7 @@ async def _offer(
 
 
 def _used(plan: Plan, verdict: dict[str, Any]) -> Used:
-    """The recording of a verdict, which verdicts on several name."""
+    """The recording of a verdict, which the subject names if there are several."""
     for recording in plan.used:
         if len(plan.used) == 1 or str(verdict["subject"]).startswith(recording.file):
             return recording

@@ -1,5 +1,5 @@
-"""Figures of the studio on light and dark ground: curves over one time axis, and a robot in three
-dimensions that follows sliders or the dragged ball."""
+"""Figures of the studio on light and dark backgrounds: curves over a common time axis, and a robot
+in three dimensions that follows sliders or the dragged ball."""
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, Literal, TypeVar
@@ -28,12 +28,12 @@ Span = tuple[float, float]
 _COLOURS = ("#1f77b4", "#d9730d", "#2c9a55", "#a64ca6")
 _MEASURED = "#8a949e"
 _GRID = "rgba(128,128,128,.25)"
-# Length of the title beside a row of curves.
+# Largest number of letters of a panel's title.
 _LETTERS = 26
 
 
 def curves(seen: Preview, time: str = "time [s]") -> Options:
-    """Curves of all drives, one row a quantity, over one time axis."""
+    """Curves of all drives, one panel per quantity, over a common time axis."""
     titles = {
         c.quantity: f"{c.quantity} [{c.unit}]" if c.unit else c.quantity[-_LETTERS:]
         for c in seen.curves
@@ -53,7 +53,7 @@ def curves(seen: Preview, time: str = "time [s]") -> Options:
 
 
 def compared_curves(compared: Beside, names: Sequence[str], shown: str) -> Options:
-    """Torques or errors, a row a drive; the time axes move together.
+    """Torques or errors, one panel per drive; the time axes are linked.
 
     Args:
         compared: measured and predicted torques.
@@ -82,7 +82,7 @@ def _panels(
     titles: Sequence[str], curves: Sequence[Curve], traces: Sequence[Options],
     time: str = "time [s]",
 ) -> Options:  # fmt: skip
-    """Curves in rows with these titles, each with its name, line and row."""
+    """Curves in panels with these titles, each with its name, line and panel."""
     plot = stacked(titles, height=190 * len(titles) + 60, spacing=0.04, time=time)
     plot.update_xaxes(gridcolor=_GRID, zeroline=False)
     plot.update_yaxes(gridcolor=_GRID, zeroline=False)
@@ -90,7 +90,7 @@ def _panels(
         plot.add_scatter(x=curve.time, y=curve.values, col=1, **trace)
     plot.update_layout(
         margin={"l": 60, "r": 10, "t": 10, "b": 40},
-        legend={"orientation": "h", "y": 1.02, "yanchor": "bottom"},  # of two rows grows upwards
+        legend={"orientation": "h", "y": 1.02, "yanchor": "bottom"},  # two lines grow upwards
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
         font={"color": "#7a8691"},
@@ -104,12 +104,12 @@ def _panels(
 async def zoomable(
     label: str, see: Callable[[Span | None], Awaitable[_Seen]], draw: Callable[[_Seen], Options]
 ) -> _Seen:
-    """A figure that is redrawn in more detail when its view of time changes; returns what it shows.
+    """A figure that is redrawn with more detail when its time span changes; returns its data.
 
     Args:
-        label: what it shows, for screen readers.
-        see: reads what is to be drawn of a span [s], or of all time for None.
-        draw: gives the figure, with one time axis for all rows.
+        label: its content, for screen readers.
+        see: reads the data of a span [s], or of all time for None.
+        draw: makes the figure, with a common time axis for all panels.
     """
     with parts.waiting():
         seen = await see(None)
@@ -125,7 +125,7 @@ async def zoomable(
 
 
 def _span(said: Mapping[str, Any]) -> Span | Literal[False] | None:
-    """The visible time span after a change of view; False if it has not changed."""
+    """The visible time span after a change of view; False if the time axis has not changed."""
     for key, value in said.items():
         if key.startswith("xaxis") and key.endswith(".autorange"):
             return None
@@ -185,9 +185,9 @@ async def _preview_plot(
     )
 
 
-# Colours of the ground and the workspace's edges, on light and dark pages.
+# Colours of the background and of the workspace's edges, on light and dark pages.
 _LIGHT, _DARK = ("#dfe5ea", "#66727d"), ("#2a3138", "#9aa6b0")
-# three.js draws cylinders along y; parts are placed along z.
+# three.js draws cylinders along y; members are placed along z.
 _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
@@ -256,7 +256,7 @@ class _Live:
         return slider
 
     def _put(self, wanted: tuple[float, ...]) -> None:
-        """Go to a pose that came from no slider; sliders follow."""
+        """Go to a pose that no slider requested; the sliders follow."""
         self._ask(wanted)
         for slider, value in zip(self.sliders, wanted, strict=True):
             slider.set_value(value)
@@ -268,7 +268,7 @@ class _Live:
             background_tasks.create(self.go(), name="go", context=self.scene.client)
 
     async def go(self) -> None:
-        """Move the robot until it has reached the last requested pose."""
+        """Move the robot until it is at the last requested pose."""
         self.going = True
         try:
             asked = None

@@ -12,7 +12,7 @@ from deltaid.studio.session import Session
 from deltaid.studio.steps import fit_step, typed
 from deltaid.studio.words import INSIST
 
-# Settings in the page's order, with the names of their fields.
+# Settings in the page's order, with the labels of their fields.
 _LABELS = {
     "friction": "Friction laws: choose further terms, or as described",
     "intervals": "Intervals of parameters",

@@ -24,13 +24,13 @@ _TITLES = {
 _MARKS = {"done": "check_circle", "wrong": "error", "open": "radio_button_unchecked", "later": ""}
 _WORDS = {"done": "done", "wrong": "to fix", "open": "open", "later": "later"}
 _BODIES = dict(zip(STAGES, (robot, recording, check, fit, result, use), strict=True))
-# Themes: text of the button, the next theme, and its JavaScript.
+# Themes: label of the button, the next theme, and the JavaScript to set it.
 _THEMES: dict[bool | None, tuple[str, bool | None, str]] = {
     None: ("Theme: system", True, "studioTheme(null)"),
     True: ("Theme: dark", False, "studioTheme(true)"),
     False: ("Theme: light", None, "studioTheme(false)"),
 }
-# Pages of the folder may hold anything: they have no access to the studio.
+# Pages in the folder may contain anything, so they have no access to the studio.
 _OF_FILES = "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline' data: blob:"
 
 
@@ -82,7 +82,7 @@ def _stage(session: Session, stage: str, client: Client) -> None:
     seen, drawing = -1, False
 
     async def draw() -> None:
-        """Redraw what has changed, one change after the other, because two at once would show it
+        """Redraw after a change, one change at a time: two redraws at once would show content
         twice."""
         nonlocal seen, drawing
         drawing = True
@@ -102,7 +102,7 @@ def _stage(session: Session, stage: str, client: Client) -> None:
 
     def again() -> None:
         nonlocal task, seen
-        # The form that made a change shows it already, even while its figure is still being drawn.
+        # The form that made a change already shows it, even while its figure is still being drawn.
         if session.store.teller == client.id and seen == session.store.revision - 1:
             seen = session.store.revision
             nav.refresh()

@@ -28,18 +28,18 @@ from deltaid.studio.plan import Used
 from deltaid.studio.session import FileEdit, Session, draft_key
 from deltaid.studio.steps import typed
 
-# Numeric keys of an entry, with the names of their fields.
+# Numeric keys of an entry, with the labels of their fields.
 _NUMBERS = {"zero": "zero", "gear": "gear", "torque_constant": "N m per A"}
 
 
 class Form:
     """A form and its data.
 
-    Of a mapping file, what is complete and valid is saved at once. A mapping that is only proposed
-    is kept as a draft until the user takes it.
+    Complete and valid data of a mapping file are saved at once. A proposed mapping is kept as a
+    draft until the user accepts it.
 
-    What is typed meanwhile stays: a change is shown in the fields that it concerns, and the page
-    is drawn anew in other tabs only, unless another recording shares the mapping.
+    A change updates the fields that it affects and keeps what the user types meanwhile. Other tabs
+    redraw the page, and this one only if another recording shares the mapping.
 
     Attributes:
         key: of its draft: the mapping file, or the recording that has none yet.
@@ -89,7 +89,7 @@ class Form:
             self.session.store.tell(self.teller)
 
     def shown(self, quantity: Quantity, drive: int, key: str) -> Any:
-        """Text of the field of an entry's value."""
+        """Value of the field of an entry's key."""
         value = entries(self.data, quantity, self.dof)[drive].get(key, DEFAULTS.get(key))
         return typed(value) if key in _NUMBERS else value
 
@@ -201,5 +201,5 @@ def _row(state: Form, quantity: Quantity, drive: int, name: str, entry: Data) ->
 
 
 def _with(choices: Sequence[str], own: str | None) -> list[str]:
-    """Columns or units to choose from, and another one that the file has."""
+    """Columns or units to choose from, including the file's own."""
     return [*choices, *([own] if own and own not in choices else [])]

@@ -1,4 +1,4 @@
-"""Parts of several stages: errors with their cures, commands to copy, progress, reports, files."""
+"""Parts of several stages: errors with their fixes, commands to copy, progress, reports, files."""
 
 import tempfile
 from collections.abc import Awaitable, Callable, Generator, Sequence
@@ -25,7 +25,7 @@ _GRADES = {"good": "good", "cannot tell": "tell", "doubtful": "doubtful", "wrong
 
 @contextmanager
 def panel(title: str = "") -> Generator[None, None, None]:
-    """A part of a stage with a heading; its errors are shown in it."""
+    """A part of a stage with a heading; it shows errors of its content."""
     with ui.element("section").classes("panel"):
         if title:
             with ui.element("h2"):
@@ -36,7 +36,7 @@ def panel(title: str = "") -> Generator[None, None, None]:
 
 @contextmanager
 def shown() -> Generator[None, None, None]:
-    """Show errors of the block in its place: what, where, and the fix."""
+    """Show errors raised inside in place: what, where, and the fix."""
     try:
         yield
     except DeltaidError as error:
@@ -53,7 +53,8 @@ def note(text: str, kind: str = "", cure: str = "") -> None:
 
 
 def redrawn(draw: Callable[[], Awaitable[None]]) -> Callable[[], Awaitable[None]]:
-    """A place for what a function draws, anew at each call of the one that is returned."""
+    """A place for the content that a function draws; calling the returned function draws it
+    again."""
     place = ui.column().classes("w-full")
 
     async def again() -> None:
@@ -65,13 +66,13 @@ def redrawn(draw: Callable[[], Awaitable[None]]) -> Callable[[], Awaitable[None]
 
 
 def problem(error: DeltaidError) -> None:
-    """What is wrong, where, and the fix."""
+    """Show an error: what is wrong, where, and the fix."""
     what, cure = _words(error)
     note(what, "bad", cure)
 
 
 def warn(error: Exception) -> None:
-    """The same as a temporary message; a defect goes into the server's log."""
+    """Show an error as a temporary message; a defect goes into the server's log."""
     if isinstance(error, DeltaidError):
         ui.notify(" → ".join(filter(None, _words(error))), type="negative", multi_line=True,
                   timeout=20_000, close_button="Close")  # fmt: skip
@@ -85,10 +86,10 @@ def _words(error: DeltaidError) -> tuple[str, str]:
 def number(
     text: object, key: str, default: Any = None, such: str = "such as 1.5, with a point"
 ) -> Any:
-    """The number in a field, or the default where it is empty.
+    """The number in a field, or the default if it is empty.
 
     Raises:
-        DeltaidError: it is none.
+        DeltaidError: the text is no number.
     """
     if not str(text or "").strip():
         return default
@@ -99,7 +100,7 @@ def number(
 
 
 def on_leaving(field: ui.input, take: Callable[[str], None]) -> None:
-    """Accept the text when the field is left, or at Enter."""
+    """Accept the text when the user leaves the field or presses Enter."""
     before = field.value
 
     def do() -> None:
@@ -114,7 +115,7 @@ def on_leaving(field: ui.input, take: Callable[[str], None]) -> None:
 
 @contextmanager
 def waiting() -> Generator[None, None, None]:
-    """An indicator of work in progress."""
+    """Show an indicator while the block runs."""
     sign = ui.spinner().props('aria-label="reading"')
     try:
         yield
@@ -140,7 +141,7 @@ def grade(word: str) -> None:
 
 
 def remembered(session: Session, key: str, field: _Field) -> _Field:
-    """A field that keeps its value when the page is redrawn; returns the field."""
+    """The field, which keeps its value when the page is redrawn."""
     value = session.choices.get(key)
     known = getattr(field, "options", None)
     wanted = value if isinstance(value, list) else [value]
@@ -164,7 +165,7 @@ def all_mapped(session: Session) -> bool:
 
 
 def progress(session: Session, kind: str) -> None:
-    """Progress of the running step of this kind, with a button to cancel it, if one runs."""
+    """Progress of the running step of this kind, if any, with a button to cancel it."""
     job = session.job
     if job is None or job.step.kind != kind:
         return
@@ -193,7 +194,7 @@ def progress(session: Session, kind: str) -> None:
 
 
 def report(session: Session, name: str, label: str) -> None:
-    """A page of the folder, embedded."""
+    """A page of the folder, embedded in this one."""
     if not session.folder.has(name):
         return
     stamp = session.folder.path(name).stat().st_mtime_ns
@@ -223,13 +224,13 @@ def upload(
     then: Callable[[str], Awaitable[None] | None],
     endings: Sequence[str] = (),
 ) -> None:
-    """A place to drop files at, and a button to choose one.
+    """A place to drop files, and a button to choose one.
 
     Args:
         what: is dropped, such as 'a robot file'.
-        look: refuses a file that cannot be one, in a process of its own.
-        then: called with the name that the file has in the folder.
-        endings: of names that are taken; all without any.
+        look: refuses an unsuitable file, in a separate process.
+        then: called with the file's name in the folder.
+        endings: of accepted names; all if empty.
     """
 
     async def received(event: events.UploadEventArguments) -> None:
@@ -280,13 +281,13 @@ def step(
     looks: str = "outline",
     below: Callable[[FinishedRun], None] = lambda run: None,
 ) -> None:
-    """A button that begins a step, its progress, what the last one made, and its command.
+    """A button that begins a step, its progress, the result of the last one, and its command.
 
     Args:
-        make: the step in a folder.
-        fields: it follows from.
-        row: where the button goes.
-        ready: whether it may begin, unless another one runs.
+        make: makes the step for a run's folder.
+        fields: that the step depends on.
+        row: where the button is placed.
+        ready: whether it may begin if no other one runs.
         below: shows the last run.
     """
     with row or nullcontext():
@@ -304,8 +305,8 @@ def commands(make: Callable[[], Step], *fields: ValueElement[Any]) -> None:
     """The command line of a step and the equivalent Python, for copying.
 
     Args:
-        make: the step as it would begin now.
-        fields: it follows from; when one changes, so does what is shown.
+        make: makes the step as it would begin now.
+        fields: that it depends on; when one changes, the text is updated.
     """
 
     def text() -> None:
@@ -334,7 +335,7 @@ def code(text: str, label: str, kind: str = "") -> None:
 
 
 def difference(text: str) -> None:
-    """A unified diff in colours."""
+    """A unified diff with coloured lines."""
     marks = {"+": "plus", "-": "minus"}
     body = "\n".join(
         f'<span class="{marks.get(line[:1], "")}">{escape(line)}</span>'

@@ -67,7 +67,8 @@ def _files(session: Session, robot: RobotDescription) -> None:
 
 
 async def _add(session: Session, robot: RobotDescription, name: str) -> None:
-    """Use a recording; the second one verifies. It shares the mapping of one with its columns."""
+    """Use a recording; it verifies if others fit a model and none verifies. It shares the mapping
+    of a recording with the same columns."""
     mapping = None
     for recording in session.plan.recordings:
         if recording.file != name and await _has_columns_of(session, robot, recording, name):
@@ -117,7 +118,7 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
 
 
 async def _figure(state: Form, used: Used, contents: Contents, place: ui.column) -> None:
-    """The recording as mapped; the raw signals while the mapping is incomplete."""
+    """The recording as mapped; raw signals while the mapping is incomplete."""
     lock, drawn = asyncio.Lock(), object()
 
     async def draw() -> None:
@@ -166,12 +167,13 @@ async def _proposal(
 
 
 def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
-    """Mapping files whose columns all exist in this recording, with their recordings."""
+    """Mapping files whose columns all exist in this recording, with the recordings that use
+    them."""
     there, mapped = {column.address for column in contents.columns}, dict[str, str]()
     for name in session.folder.mappings():
         try:
             names = named(read(session.folder.text(name), name), dof)
-        except DeltaidError:  # no mapping, or one of other drives
+        except DeltaidError:  # no mapping, or for another number of drives
             continue
         if names and names <= there:
             of = [r.file for r in session.plan.recordings if r.mapping == name]
@@ -180,7 +182,7 @@ def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
 
 
 def _another(session: Session, used: Used) -> None:
-    """Recordings that share the mapping, and the way to a separate one."""
+    """Recordings that share the mapping, and a button to use a separate one."""
     others = [
         r.file for r in session.plan.recordings if r.mapping == used.mapping and r.file != used.file
     ]

@@ -1,4 +1,4 @@
-"""Stage 5, results: a model, its report, and runs side by side and over time."""
+"""Stage 5, results: a model, its report, and comparisons of runs."""
 
 from functools import partial
 from typing import Any

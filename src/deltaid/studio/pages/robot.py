@@ -33,7 +33,7 @@ async def body(session: Session) -> None:
     edited = name not in catalogue() and editor(session, name)
     if isinstance(robot, RobotDescription):
         await _show_robot(session, name)
-    elif not edited:  # shown by the editor
+    elif not edited:  # the editor shows the error
         parts.problem(robot)
 
 
@@ -58,7 +58,7 @@ def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> No
                     "Edit a copy of it",
                     on_click=lambda: take(own_copy(session.folder, chosen or "")),
                 )
-        # The editor shows what is wrong with the text of a file.
+        # The editor shows what is wrong with a file's text.
         parts.upload(session, "a robot file", read_text, take, YAML_ENDINGS)
         describe(session)
         if isinstance(robot, RobotDescription):
@@ -161,7 +161,7 @@ def _field(question: Question, answers: dict[str, str]) -> None:
     ).tooltip(question.how)
 
 
-# Pause in typing after which a text is checked [s].
+# Pause in typing after which the text is checked [s].
 _PAUSE = 0.4
 _HEIGHT = "26rem"
 
@@ -172,7 +172,7 @@ def editor(session: Session, name: str) -> bool:
         return False
     try:
         now = session.folder.text(name)
-    except DeltaidError:  # the stage shows why
+    except DeltaidError:  # the stage shows the error
         return False
     with parts.panel(f"Describe it: {name}"):
         ui.label(
@@ -187,7 +187,7 @@ def editor(session: Session, name: str) -> bool:
 
 
 def _changed_meanwhile(session: Session, name: str, draft: FileEdit, now: str) -> None:
-    """Choice about an edited text whose file has changed meanwhile."""
+    """Choice for an edited text whose file has changed meanwhile."""
     parts.note(
         f"{name} has been changed meanwhile, by another tab or program. Below is what you have "
         "written; it is not saved.",
@@ -220,7 +220,7 @@ class _Editor:
         self.field.on_value_change(self._later)
 
     def _later(self) -> None:
-        """Keep the text, and check it after a pause."""
+        """Keep the text, and check it after a pause in typing."""
         if self.field.value == self.before:
             self.session.drafts.pop(self.name, None)
         else:
@@ -246,7 +246,7 @@ class _Editor:
             raise ConflictError(
                 "is being edited in another tab too", where=self.name, cure="save it there"
             )
-        # The page offers a choice for a file that has changed meanwhile.
+        # If the file has changed meanwhile, the page offers a choice.
         with contextlib.suppress(ConflictError):
             self.session.folder.write(self.name, text, instead_of=self.before)
             self.session.drafts.pop(self.name, None)

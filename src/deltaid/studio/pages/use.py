@@ -1,4 +1,4 @@
-"""Stage 6, the model at work: motions, simulation, forces, exports, and files to download."""
+"""Stage 6, use of the model: motions, simulation, forces, exports, and files to download."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -33,9 +33,9 @@ _FORMS = {
     "casadi": "CasADi function",
     "npz": "NumPy arrays (.npz)",
 }
-# Defaults of a form.
+# Groups of options that each export target has.
 _CHOICES_OF = {"c": ("code",), "st": ("code",), "fmu": ("unit",), "fmu-inverse": ("unit",)}
-# Key of the choice to use a poor model.
+# Key of the user's choice to use a poor model.
 _POOR = "use poor"
 _FRICTION = {
     "all": "as identified",
@@ -89,7 +89,7 @@ def _step(
     session: Session, row: ui.row, kind: Kind, label: str,
     fields: Mapping[str, ValueElement[Any]], make: Callable[[str], Step],
 ) -> None:  # fmt: skip
-    """A step with the model; fields of its row are remembered by their names."""
+    """A step with the model; the fields of its row keep their values by their names."""
     for name, field in fields.items():
         parts.remembered(session, f"{kind} {name}", field)
 
