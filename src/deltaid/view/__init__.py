@@ -1,2 +1,2 @@
-"""Presentation of values as text, cards, figures, tables and pages, for terminal, notebooks and
-studio."""
+"""Presentation of values as text, cards, figures, tables and pages, for the terminal, notebooks and
+the studio."""

@@ -20,11 +20,11 @@ from deltaid.view.drawing import members, outline, outline_points
 from deltaid.view.numbers import number
 from deltaid.view.page import Figure, Section, Table, Text
 
-# Frames of the animation, seconds that it spans, and points of the whole path.
+# Frames of the animation, its duration [s], and points of the whole path.
 _FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
 # Camera slightly above the robot, far enough for the titles of the axes.
 CAMERA = {"eye": {"x": 1.6, "y": 1.15, "z": 0.45}, "center": {"z": -0.12}}
-_SEEN = 60.0  # searched part of a recording [s]
+_SEEN = 60.0  # duration of the searched part of a recording [s]
 
 
 def recorded_motion(
@@ -49,7 +49,7 @@ def animation(
     """The robot along the stretch of a few seconds in which its platform travels farthest.
 
     Args:
-        time, z: of the motion, evenly spaced in time.
+        time, z: of the motion, at a constant rate.
     """
     workspace, path = kinematics.robot.workspace, kinematics.robot.task.point(z)
     seen = _liveliest(time, path)
@@ -77,7 +77,7 @@ def animation(
         for k, shape in zip(chosen, shapes, strict=True)
     ]
     figure = go.Figure([*still, *lines.values()], frames=frames)
-    # The page builds its player from these: times of the frames [s], and the time between two [ms].
+    # The page's player needs the times of the frames [s] and the time between two of them [ms].
     pause = 1000 * float(shown[-1] - shown[0]) / max(count - 1, 1)
     figure.update_layout(meta={"times": shown.tolist(), "pause": pause})
     fix_scene(figure, shapes.reshape(-1, 3), path, outline_points(workspace))
@@ -121,7 +121,7 @@ def _body_line(
 def robot_lines(
     skeleton: Skeleton, shape: Float[np.ndarray, "segments 2 3"]
 ) -> dict[str, go.Scatter3d]:
-    """A robot in one pose: one line a body, by its name."""
+    """A robot in one pose: one line for each body, by its name."""
     return {
         body: go.Scatter3d(
             _body_line(skeleton, shape, body),
@@ -137,7 +137,7 @@ def robot_lines(
 def fix_scene(
     figure: go.Figure, *drawn: Float[np.ndarray, "_ 3"], height: int = 640, below: int = 20
 ) -> None:
-    """Fixed ranges of equal scale around everything that is drawn; pixels kept free below."""
+    """Fix ranges of equal scale around everything that is drawn; `below` is free space [px]."""
     points = np.concatenate(drawn)
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.05 * float((high - low).max())
@@ -153,12 +153,12 @@ def fix_scene(
     )
 
 
-_POINTS = 240  # points of a sphere's surface
+_POINTS = 240  # on a sphere's surface
 _GOLDEN = np.pi * (3 - np.sqrt(5))
 
 
 def body_section(model: IdentifiedModel, kinematics: Kinematics) -> Section:
-    """Mass and moments of all bodies, at the prior and fitted, and their consistency."""
+    """Mass and moments of all bodies, prior and fitted, and their consistency."""
     home = model.robot.within(0.0)[0][None]
     lines = with_gaps(Skeleton(model.robot, kinematics.mechanism).evaluate(home)[0])
     axes = {f"{name}axis": {"title": f"{name} [m]"} for name in "xyz"}
@@ -203,7 +203,7 @@ def body_section(model: IdentifiedModel, kinematics: Kinematics) -> Section:
 def ellipsoid(
     p: Float[np.ndarray, " 10"],
 ) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, "3 3"]]:
-    """Centre c and matrix A: the ellipsoid {c + A u, |u| ≤ 1} of p's mass and moments.
+    """Centre c and matrix A of the ellipsoid {c + A u, |u| ≤ 1} with the mass and moments of p.
 
     With Σ_C = Σ − m c cᵀ = Σ λ_i v_i v_iᵀ about the centre of mass, a uniform ellipsoid of half
     axes a_i has λ_i = m a_i² / 5, so a_i = √(5 λ_i / m), and A = [a_1 v_1, a_2 v_2, a_3 v_3].
@@ -214,7 +214,7 @@ def ellipsoid(
 
 
 def _mesh(model: IdentifiedModel, poses: Sequence[BodyPoses]) -> go.Mesh3d:
-    # Spread evenly over the unit sphere, along a spiral.
+    # Points evenly spread over the unit sphere, along a spiral.
     k = np.arange(_POINTS)
     height = 1 - (2 * k + 1) / _POINTS
     r = np.sqrt(1 - height**2)
@@ -260,8 +260,8 @@ def placed(
 
 
 def outward_faces(corners: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, "faces 3"]:
-    """Triangles of a convex body's surface about the origin, all oriented outwards for the
-    lighting."""
+    """Triangles of a convex surface about the origin, all oriented outwards, as lighting
+    requires."""
     faces = ConvexHull(corners).simplices
     a, b, c = (corners[faces[:, k]] for k in range(3))
     inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0

@@ -1,4 +1,4 @@
-"""A robot at a requested pose, with its readings as a small table, independent of any window."""
+"""A robot at a requested pose, with its readings as a small table, for any window."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,14 +10,14 @@ from deltaid.dynamics.limits import AtRest
 from deltaid.view import style
 from deltaid.view.html import environment
 
-# Share of a limit that counts as near it.
+# Share of a limit from which readings are coloured as near it.
 _NEAR = 0.8
 _COLORS = {"good": style.RESIDUAL, "near": "#b59400", "over": style.LIMIT}
 
 
 @dataclass(frozen=True)
 class DriveReading:
-    """One drive: position [deg or m], torque or force that holds it [N m or N], and their units."""
+    """One drive: its position [deg or m], holding torque or force [N m or N], and their units."""
 
     name: str
     position: float
@@ -31,10 +31,10 @@ class View:
     """A displayed robot.
 
     Attributes:
-        z: where it stands [m; rad].
-        drives, condition, limits: readings where it stands; limits by name, in the
-            robot's order, with the share of each that is used.
-        message: what is wrong: out of reach, or beyond limits; empty if nothing is.
+        z: its pose [m; rad].
+        drives, condition, limits: readings at this pose; `limits` is the used share of each limit
+            by name, in the robot's order.
+        message: why the requested pose is out of reach or beyond limits; empty otherwise.
     """
 
     z: Float[np.ndarray, " dof"]
@@ -52,8 +52,8 @@ def home_view(robot: AtRest) -> View:
 def moved(robot: AtRest, view: View, wanted: Float[np.ndarray, " dof"]) -> View:
     """The view after a request for another pose.
 
-    Out of reach the robot stays where it stood and the message says why. Beyond a limit it goes
-    there all the same, and the message names the limits.
+    If the pose is out of reach, the robot keeps its pose and the message says why. If it is beyond
+    a limit, the robot goes there nevertheless, and the message names the limits.
     """
     wanted = np.array(wanted, dtype=float)  # a copy, because views are immutable
     finite = bool(np.all(np.isfinite(wanted)))

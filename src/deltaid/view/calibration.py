@@ -18,7 +18,7 @@ from deltaid.view.numbers import FEW, percent, with_uncertainty
 from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.show import Card
 
-# Display units: a thousandth of m and rad, per mille.
+# Displayed units: thousandths of m and rad, per mille.
 _SHOWN = {"m": "mm", "rad": "mrad", "": "‰"}
 
 
@@ -44,12 +44,12 @@ def session_lines(calibration: Calibration) -> list[str]:
 
 
 def _count(number: int, kind: PoseKind) -> str:
-    """Such as '1 distance' or '40 touches'."""
+    """A number with its noun, such as '1 distance' or '40 touches'."""
     return f"{number} {KINDS[kind].reading if number == 1 else KINDS[kind].readings}"
 
 
 def next_line(plan: NextReadings, currency: str) -> str:
-    """The instrument that is worth its price most, and where to take its first readings."""
+    """The instrument with the largest gain for its price, and where to take its first readings."""
     places = [
         " to ".join(f"({', '.join(f'{1e3 * value:.0f}' for value in end)})" for end in ends)
         + (f" on {1e3 * block:.0f}" if block else "")
@@ -63,7 +63,7 @@ def next_line(plan: NextReadings, currency: str) -> str:
 
 
 def next_table(calibration: Calibration, plans: Sequence[NextReadings], currency: str) -> Table:
-    """Instruments with their price and their effect on positions and sizes, a row each."""
+    """Instruments with their price and their effect on positions and sizes, one per row."""
     rows = [("nothing more", "", "", calibration.after)]
     rows += [(plan.name, f"{plan.cost:.0f}", f"{plan.gain:.1f}", plan) for plan in plans]
     return Table(
@@ -77,11 +77,11 @@ def next_table(calibration: Calibration, plans: Sequence[NextReadings], currency
 
 
 def number_table(calibration: Calibration) -> Table:
-    """Deviations with 95 % intervals: a row a kind of number, a column a limb."""
+    """Deviations with 95 % intervals: one row per kind of number, one column per limb."""
     limbs, rows = calibration.fit.loops.limbs, list[tuple[str, ...]]()
     tools = list(TOOL) if len(TOOL) <= limbs else []
     for kind in calibration.known.kinds:
-        if kind in tools[1:]:  # in the row of the first
+        if kind in tools[1:]:  # included in the row of the first
             continue
         at = [
             k
@@ -127,7 +127,8 @@ def _summary(calibration: Calibration) -> Summary:
 
 
 def calibration_frame(calibration: Calibration) -> pl.DataFrame:
-    """Numbers, a row each: value, standard deviation after and before [m, rad or share], source."""
+    """Numbers, one per row: value, standard deviation after and before [m, rad or share],
+    source."""
     return pl.DataFrame(
         {
             "number": list(calibration.names),
@@ -155,14 +156,14 @@ def calibration_figure(calibration: Calibration) -> go.Figure:
                     "cmin": 0, "cmax": errors.max()},
             text=[f"{error:.2g} mm" for error in errors], hoverinfo="text",
         )  # fmt: skip
-    # One above the other, for a narrow page has no room for both.
+    # One above the other, because a narrow page has no room for both.
     half = [{"domain": {"x": [0, 1], "y": [0.7 - 0.56 * k, 1 - 0.56 * k]}, "aspectmode": "data"}
             for k in (0, 1)]  # fmt: skip
     return figure.update_layout(scene=half[0], scene2=half[1], showlegend=False, height=760)
 
 
 def residual_figure(calibration: Calibration) -> go.Figure:
-    """Residuals of all readings over their standard deviation."""
+    """Residuals of all readings divided by their standard deviation."""
     figure = go.Figure()
     for part, r in zip(calibration.fit.readings, calibration.fit.residuals, strict=True):
         instrument = part.instrument

@@ -14,7 +14,7 @@ from deltaid.view.numbers import FEW, in_words
 from deltaid.view.page import Fact, Lines, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.show import Card
 
-# The most severe first.
+# Grades, the most severe first.
 _ORDER = tuple(reversed(Grade))
 _CAUSE = "likeliest cause → next step"
 
@@ -24,13 +24,13 @@ def by_severity(verdicts: Sequence[Verdict]) -> list[Verdict]:
 
 
 def seen_of(verdict: Verdict) -> str:
-    """What was seen, with what it is about."""
+    """The finding, preceded by its subject unless it names that."""
     about = verdict.subject
     return verdict.seen if about in verdict.seen else f"{about}: {verdict.seen}"
 
 
 def page_table(verdicts: Sequence[Verdict]) -> Table:
-    """Verdicts with finding, cause and cure; the most severe first."""
+    """Verdicts with finding, cause and fix; the most severe first."""
     ordered = by_severity(verdicts)
     good = frozenset(i for i, verdict in enumerate(ordered) if verdict.grade is Grade.GOOD)
     marked = frozenset(range(len(ordered))) - good
@@ -43,7 +43,7 @@ def page_table(verdicts: Sequence[Verdict]) -> Table:
         muted=good,
         marked=marked,
     )
-    return table if marked else table.without(_CAUSE)  # good ones have neither
+    return table if marked else table.without(_CAUSE)  # good verdicts have no cause
 
 
 def short_table(verdicts: Sequence[Verdict]) -> Table:
@@ -74,12 +74,12 @@ def check_page(
     lines: Mapping[str, str],
     robot: RobotDescription | None = None,
 ) -> Page:
-    """All verdicts on a robot and its recordings.
+    """The page of all verdicts on a robot and its recordings.
 
     Args:
         logs: names of the recordings.
-        lines: what to paste, by the file where it belongs, in words.
-        robot: to be drawn, where its description can be read.
+        lines: lines to paste, by the file that they belong to, in words.
+        robot: to be drawn, if its description is valid.
     """
     (poor, good), grades = _parted(verdicts), [verdict.grade for verdict in verdicts]
     grade = worst(verdicts)
@@ -160,7 +160,7 @@ def _name(source: object) -> str:
 
 
 def _proposed(value: Verdicts) -> str:
-    """Proposed lines; none where they cannot be written out, as of several mappings."""
+    """Proposed lines; empty if they cannot be written, for example for several mappings."""
     try:
         return value.cures if files_of(value) else ""
     except DeltaidError:

@@ -1,8 +1,8 @@
 """Measured and predicted torques of a recording, reduced for figures in constant memory.
 
-Filtered signals are thinned to the rate that the cut-off allows, without loss. Where that is still
-more than a figure can show, each stretch of equal length is represented by its sample of largest
-residual, so that outliers stay visible; figures of distributions use an even thinning. Functions at
+Filtered signals are thinned without loss to the rate that the cut-off allows. If that is still more
+than a figure can show, each stretch of equal length is represented by the sample with its largest
+residual, so that outliers stay visible; figures of distributions use even thinning. Functions at
 the end select the samples that a figure draws.
 """
 
@@ -18,25 +18,25 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.torque_error import PredictedTorques, predict
 from deltaid.recording.recording import PreparedRecording
 
-# Points of a curve at most: a screen has fewer columns.
+# Largest number of points of a curve: a screen has fewer columns.
 POINTS = 4000
-# Points of a comparison over time, which allow to zoom in.
+# Points of a comparison over time, enough to zoom in.
 _SHOWN = 20_000
-_SEGMENT = 1024  # samples of a spectrum's segment
+_SEGMENT = 1024  # samples in a segment of a spectrum
 
 
 @dataclass(frozen=True)
 class TorqueComparison:
-    """Torques over time, residuals to count, and mean spectra of one recording.
+    """Torques over time, residuals for statistics, and mean spectra of one recording.
 
     Attributes:
-        time [s], measured, predicted [N m]: samples to draw over time, through the filter; NaN
-            where most of the filter's samples are excluded.
-        stretch: how many (thinned) samples each of them stands for.
-        speed [rad/s], residual [N m]: evenly thinned samples, to draw over speed and count; NaN
-            likewise.
+        time [s], measured, predicted [N m]: filtered samples to draw over time; NaN where most of
+            the filter's samples are excluded.
+        stretch: number of (thinned) samples that each of them represents.
+        speed [rad/s], residual [N m]: evenly thinned samples, to draw over speed and for
+            statistics; NaN likewise.
         frequency [Hz], measured_density, residual_density [N m/√Hz]: amplitude spectra of the
-            torque as recorded and of what the model leaves of it.
+            recorded torque and of the model's residual.
         cutoff: of the filter [Hz], None without one.
         events: first and last time [s] of stretches that are excluded because of events.
     """
@@ -55,7 +55,7 @@ class TorqueComparison:
 
 
 def compare(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> TorqueComparison:
-    """Data of the figures of a model's torques along a recording, in one pass."""
+    """Data for figures of a model's torques along a recording, in one pass."""
     log, spectrum = recording.log, _Spectrum(recording.log.rate)
     stretch = stretch_length(log.samples, recording.filter.thinned * _SHOWN)
     scale = np.where(log.torque_max > 0, log.torque_max, 1.0)
@@ -94,7 +94,7 @@ def _thinned(
 def _stretches(
     blocks: Iterator[Float[np.ndarray, "samples 4 dof"]], length: int
 ) -> Iterator[Float[np.ndarray, "stretches length 4 dof"]]:
-    """The same samples in stretches of equal length; the last ones are shorter."""
+    """The samples in stretches of equal length; the last one may be shorter."""
     rest = np.zeros(0)
     for block in blocks:
         rows = np.concatenate([rest, block]) if len(rest) else block
@@ -114,14 +114,13 @@ class _Spectrum:
         self._power: Any = 0.0
 
     def add(self, part: PredictedTorques) -> None:
-        """Take in consecutive samples as recorded; a last window too short for a segment is left
-        out."""
+        """Add consecutive samples as recorded; a window too short for a segment is ignored."""
         samples = len(part.time)
         self._length = self._length or min(_SEGMENT, samples)
         if samples >= self._length:
             both = part.weights * np.stack([part.measured, part.measured - part.predicted])
             _, power = signal.welch(both, self._rate, nperseg=self._length, axis=1)
-            before, segments = self._segments, 2 * samples // self._length - 1  # overlap of half
+            before, segments = self._segments, 2 * samples // self._length - 1  # overlap by half
             self._segments += segments
             self._power = (self._power * before + power * segments) / self._segments
 
@@ -132,24 +131,24 @@ class _Spectrum:
 
 
 def stretch_length(samples: int, most: int) -> int:
-    """Samples of a stretch, such that there are at most `most` stretches."""
+    """Samples of a stretch, for at most `most` stretches."""
     return max(1, -(-samples // most))
 
 
 def even_rows(samples: int, most: int) -> slice:
-    """At most `most` equidistant rows, for clouds of points."""
+    """At most `most` equidistant rows, for scatter plots."""
     return slice(None, None, stretch_length(samples, most))
 
 
 def peak_rows(size: Float[np.ndarray, " samples"], most: int) -> Int[np.ndarray, " rows"]:
-    """Row of the largest size in each of at most `most` stretches; NaN is the smallest."""
+    """Row of the largest size in each of at most `most` stretches; NaN counts as the smallest."""
     return _largest(size, stretch_length(len(size), most))
 
 
 def extreme_rows(values: Float[np.ndarray, " samples"], length: int) -> Int[np.ndarray, " rows"]:
     """Rows of the least and the largest value of each stretch of `length` samples, in order.
 
-    NaN counts only where a stretch holds nothing else.
+    NaN is selected only if a stretch holds nothing else.
     """
     return np.sort(np.concatenate([_largest(-values, length), _largest(values, length)]))
 

@@ -14,9 +14,9 @@ from deltaid.view.model_tables import MEASURED, value_and_width
 from deltaid.view.numbers import FEW, in_words, number, percent, with_uncertainty
 from deltaid.view.page import Section, Table
 
-# Units that are displayed by their thousandth.
+# Units that are displayed in thousandths.
 _SMALLER = {"s": (1e3, "ms")}
-# Numbers of a load that are shown: those that torques show or that were declared.
+# Origins of the parameters of a load that are shown: torques and the declaration.
 _SHOWN_OF_LOADS = ("data", "fixed")
 _EVENT_COLUMNS = (
     "event",
@@ -45,7 +45,7 @@ def corrected(corrections: Sequence[Correction]) -> str:
 
 
 def _short(subjects: Sequence[str]) -> list[str]:
-    """Bodies in words; three or more consecutive drives by the first and the last."""
+    """Bodies in words; of three or more consecutive drives the first and the last."""
     runs, said = list[list[str]](), list[str]()
     for subject in subjects:
         last = re.fullmatch(r"(.*?)(\d+)", runs[-1][-1]) if runs else None
@@ -62,7 +62,7 @@ def _short(subjects: Sequence[str]) -> list[str]:
 def correction_table(corrections: Sequence[Correction]) -> Table | None:
     """All corrections in the order in which they were made; None if there are none.
 
-    Drives that were corrected alike share a row.
+    Drives with the same correction share a row.
     """
     several = len({correction.log for correction in corrections if correction.log}) > 1
     alike = groupby(corrections, key=lambda c: (c.kind, c.log, _size(c), c.text))
@@ -97,7 +97,7 @@ def _size(correction: Correction) -> str:
 
 
 def load_table(loads: Sequence[HeldLoad]) -> Table | None:
-    """Mass, first moment and inertia of each load, as far as known; None without loads."""
+    """Mass, first moment and inertia of each load, as far as they are known; None without loads."""
     table = Table(
         ("load", "value", "± (95 %)", "unit", "from", "held by", "in"),
         tuple(
@@ -145,11 +145,11 @@ def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
 
 
 def event_table(logs: Iterable[tuple[str, Sequence[Event]]], most: int) -> Table | None:
-    """Events with time, place and force; the largest ones where there are many, in order of time.
+    """Events with time, place and force, in order of time; only the largest if there are many.
 
     Args:
         logs: names of recordings, and their events.
-        most: so many rows at most.
+        most: largest number of rows.
 
     Returns:
         None if there are no events.
@@ -182,7 +182,7 @@ def _event_cells(event: Event) -> tuple[str, ...]:
 
 
 def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | None:
-    """Reason, share and times of exclusions; None where only reversals were excluded.
+    """Reason, share and times of exclusions; None if only reversals were excluded.
 
     Args:
         logs: names of recordings, and their exclusions.
@@ -213,14 +213,14 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
 
 
 def reversals(exclusions: Sequence[LeftOut]) -> str:
-    """Exclusions at reversals, as the end of a sentence; empty if there are none."""
+    """The share excluded at reversals, as the end of a sentence; empty if there is none."""
     return "".join(
         f", {percent(part.share)} excluded at reversals" for part in exclusions if not part.spans
     )
 
 
 def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, ...]:
-    """Tables of corrections, loads, sensors, events and exclusions, where there are any."""
+    """Tables of corrections, loads, sensors, events and exclusions, without empty ones."""
     sources = model.sources
     tables = (
         correction_table(model.corrections),
@@ -233,7 +233,7 @@ def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, .
 
 
 def put_right_sections(model: IdentifiedModel | None) -> tuple[Section, ...]:
-    """The chapter of a page on corrections; empty where there are none."""
+    """The section of a page on corrections; empty if there are none."""
     tables = put_right_tables(model, most_events=200) if model else ()
     chapter = Section("Corrections", tables, "what was detected, corrected and excluded")
     return (chapter,) if tables else ()

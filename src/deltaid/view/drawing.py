@@ -1,4 +1,4 @@
-"""Drawing of a robot: a still picture with named bodies, colours, edges of the workspace."""
+"""Drawing of a robot: a picture with named bodies, colours and edges of the workspace."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +16,8 @@ from deltaid.view import style
 from deltaid.view.html import environment
 from deltaid.view.page import HEIGHT, Drawing
 
-# Largest width and height of the robot, room for names at either side, their least distance, and
-# free space above the robot [px].
+# Largest width and height of the robot, width of the names at either side, their least distance,
+# and free height above the robot [px].
 _WIDE, _HIGH, _NAMES, _LINE, _TOP = 320.0, 330.0, 132.0, 30.0, 16.0
 # Direction of view, slightly from above.
 _EYE = np.array([1.6, 1.15, 0.75]) / np.linalg.norm([1.6, 1.15, 0.75])
@@ -112,7 +112,8 @@ class DrawnBody:
     width: int
 
     def radius(self, size: float) -> float:
-        """Radius of its parts [m], as in a figure whose height shows a robot of this size."""
+        """Radius of its parts [m] that matches its line width in a figure of a robot of this
+        size."""
         return 0.5 * self.width * size / HEIGHT
 
 
@@ -134,7 +135,7 @@ _KNOWN = {
 
 
 def members(bodies: tuple[str, ...]) -> dict[str, DrawnBody]:
-    """Each body's style: limbs' own bodies by their number, others by their name."""
+    """Style of each body: numbered bodies of limbs by their kind, others by their name."""
     drawn = dict[str, DrawnBody]()
     for i, body in enumerate(bodies):
         own = DrawnBody(body, style.SERIES[i % len(style.SERIES)], 5)
@@ -145,7 +146,7 @@ def members(bodies: tuple[str, ...]) -> dict[str, DrawnBody]:
 
 
 def outline(workspace: Cylinder | Hemisphere | Box) -> Line:
-    """Circles and edges of a workspace in the world [m]."""
+    """Circles and edges of a workspace in the world [m], separated by NaN."""
     match workspace:
         case Hemisphere(radius=radius, top=top):
             half = _ANGLES[36:]  # from π to 2 π: below
@@ -164,14 +165,14 @@ def outline(workspace: Cylinder | Hemisphere | Box) -> Line:
 
 
 def outline_segments(workspace: Cylinder | Hemisphere | Box) -> Float[np.ndarray, "segments 2 3"]:
-    """The outline as pairs of ends."""
+    """The outline as segments between two ends."""
     edges = outline(workspace)
     pairs = np.stack([edges[:-1], edges[1:]], axis=1)
     return pairs[~np.isnan(pairs).any(axis=(1, 2))]
 
 
 def outline_points(workspace: Cylinder | Hemisphere | Box) -> Line:
-    """The outline without gaps."""
+    """Points of the outline, without gaps."""
     edges = outline(workspace)
     return edges[~np.isnan(edges[:, 0])]
 
@@ -183,7 +184,8 @@ def _circle(radius: float, height: float) -> Line:
 
 @dataclass(frozen=True)
 class Placement:
-    """Placement of copies of a mesh: centres, orientations (w, x, y, z), scales along own axes."""
+    """Placement of copies of a mesh: centres, orientations (w, x, y, z), scales along their own
+    axes."""
 
     positions: Float[np.ndarray, "n 3"]
     wxyz: Float[np.ndarray, "n 4"]
@@ -194,10 +196,10 @@ def along(segments: Float[np.ndarray, "n 2 3"], radius: float) -> Placement:
     """Cylinders between the two ends of each segment."""
     way = segments[:, 1] - segments[:, 0]
     length = np.linalg.norm(way, axis=1)
-    # A segment without length may have any direction.
+    # A segment of length zero may have any direction.
     unit = np.where(length[:, None] > 0, way, [0.0, 0.0, 1.0])
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
-    # Shortest rotations of z to the direction; straight down, about any axis across z.
+    # Shortest rotations of z to the direction; to straight down, about any horizontal axis.
     wxyz = np.column_stack([1 + unit[:, 2], -unit[:, 1], unit[:, 0], np.zeros(len(unit))])
     wxyz[1 + unit[:, 2] < 1e-12] = 0.0, 1.0, 0.0, 0.0
     thick = np.full(len(segments), radius)

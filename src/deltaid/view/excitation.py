@@ -1,4 +1,4 @@
-"""The page of `deltaid excite`: the motion, its limits, and predicted deviations."""
+"""The page of `deltaid excite`: the motion, its limits, and predicted standard deviations."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -20,7 +20,7 @@ from deltaid.view.show import Card
 
 
 def excitation_page(result: Excitation) -> Page:
-    """Page of an optimised motion, at the robot's prior."""
+    """Page of an optimised motion, for the robot's prior."""
     exciter, run = result.exciter, result.run
     robot, settings = exciter.dynamics.robot, exciter.settings
     fullest, periods = _fullest(result), f"{run.repeats} period{'s' * (run.repeats > 1)}"
@@ -75,7 +75,7 @@ def excitation_page(result: Excitation) -> Page:
 
 
 def verdict(result: Excitation) -> Summary:
-    """Whether the motion keeps its limits, and determines most base parameters at all."""
+    """Whether the motion keeps its limits, and determines most base parameters."""
     beyond = [limit.name for limit in result.limits if limit.share > 1 + FAINT]
     lasts = f"{result.run.duration:.1f} s from rest to rest"
     if beyond:
@@ -107,12 +107,12 @@ def _fullest(result: Excitation) -> LimitUse | None:
 
 
 def excitation_figure(result: Excitation) -> go.Figure:
-    """Platform, drives, speeds and torques over time, lower than in a report."""
+    """Platform, drives, speeds and torques over time, less high than in a report."""
     return _over_time(result).figure.update_layout(height=640)
 
 
 def exciter_figure(exciter: Exciter) -> go.Figure:
-    """The robot with the workspace that motions stay in."""
+    """The robot with the workspace of its motions."""
     return robot_figure(exciter.dynamics.robot)
 
 
@@ -168,7 +168,7 @@ def _over_time(result: Excitation) -> Figure:
 
 
 def _of_another_size(values: Float[np.ndarray, "samples drives"]) -> Bool[np.ndarray, " drives"]:
-    """Columns so much larger or smaller than most that a common axis would flatten one of both."""
+    """Columns so much larger or smaller than most that a common axis would flatten one of them."""
     sizes = np.abs(values).max(axis=0)
     return (sizes > 5 * np.median(sizes)) | (sizes < 0.2 * np.median(sizes))
 
@@ -203,7 +203,7 @@ def excitation_card(value: Excitation) -> Card:
 
 
 def excitation_frame(value: Excitation) -> pl.DataFrame:
-    """The run at the rate of the settings: t, q1…, qd1…, qdd1…, x, y, z; in SI units."""
+    """The run at the rate of the settings: t, q1…, qd1…, qdd1…, x, y, z in SI units."""
     exciter = value.exciter
     return sample_run(exciter.dynamics.kinematics, value.run, exciter.settings.rate)
 

@@ -18,7 +18,7 @@ from deltaid.view.show import Card
 from deltaid.view.summary import provenance_section
 
 _WORDS = {"tension": "largest force", "compression": "least force", "socket": "least margin"}
-# Most undetermined entries that a sentence names.
+# Largest number of undetermined entries in a sentence.
 _NAMED = 8
 
 
@@ -39,7 +39,7 @@ def forces_card(value: Forces) -> Card:
 
 
 def forces_frame(value: Forces) -> pl.DataFrame:
-    """Forces over time: t and one column a channel."""
+    """Forces over time: t and one column per channel."""
     return pl.concat(value.tables())
 
 
@@ -82,7 +82,7 @@ def forces_page(value: Forces) -> Page:
 
 
 def verdict(study: Forces) -> Summary:
-    """Range of the forces along the struts, and whether ball joints hold."""
+    """Range of the forces along the struts, and whether ball joints stay closed."""
     along = [f.worst.value for kind in ALONG for f in _findings(study, kind)]
     least, most = (f"{measured(bound(along))} N" for bound in (min, max))
     said = f"forces along the struts reach from {least} to {most} (tension is positive)"
@@ -113,7 +113,7 @@ def _facts(study: Forces) -> tuple[Fact, ...]:
 def _envelope(study: Forces) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest force along every strut in stretches of equal length, in constant memory.
 
-    Times and forces of the two, in order, a column a strut.
+    Times and forces of these samples, in order of time, one column per strut.
     """
     forces, times, pairs = study.constraint_forces, list[np.ndarray](), list[np.ndarray]()
     channels = [forces.index(f"{strut}.platform.x") for strut in forces.struts]
@@ -135,7 +135,7 @@ def _over_time(study: Forces) -> Figure:
             x=time[:, k].astype(np.float32),
             y=along[:, k].astype(np.float32),
             name=strut,
-            showlegend=each > 1,  # with one strut, the axis names its limb
+            showlegend=each > 1,  # a single strut is named by the axis
             mode="lines",
             line={"color": style.SERIES[k % each], "width": 1.2},
             hovertemplate=f"{strut} %{{y:.4g}} N at %{{x:.4g}} s<extra></extra>",
@@ -151,7 +151,7 @@ def _over_time(study: Forces) -> Figure:
 
 
 def tables(study: Forces) -> tuple[Table, ...]:
-    """Forces along struts, margins of sockets if there are any, loads of other joints."""
+    """Forces along struts, margins of sockets if they have springs, loads of other joints."""
     how, force = "range" if _with_ranges(study) else "± open", study.constraint_forces.socket_force
     pairs = zip(*(_findings(study, kind) for kind in ALONG), strict=True)
     struts = _titled(
@@ -186,7 +186,7 @@ def _titled(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -
 
 
 def places(study: Forces) -> Table:
-    """Pose of the platform at the worst forces along struts and the least margins."""
+    """Pose of the platform at the worst forces along struts and at the least margins."""
     worst = [finding.worst for kind in _WORDS for finding in _findings(study, kind)]
     rows = [
         (
@@ -203,8 +203,8 @@ def places(study: Forces) -> Table:
 
 
 def what_is_open(study: Forces) -> str:
-    """A sentence on the second column of each value, with the undetermined entries that most forces
-    depend on."""
+    """A sentence on the uncertainty columns, with the undetermined entries that most forces depend
+    on."""
     counts = Counter(name for f in study.findings for name in f.openness.unknowns)
     entries = [name for name, _ in counts.most_common()]
     more = f" and {len(entries) - _NAMED} more" if len(entries) > _NAMED else ""

@@ -1,4 +1,4 @@
-"""Friction laws over speed, prior and identified, with recorded values, and their choice."""
+"""Friction laws over speed, prior and identified, with recorded values, and their selection."""
 
 import numpy as np
 import plotly.graph_objects as go
@@ -15,7 +15,7 @@ from deltaid.view.numbers import number, percent
 from deltaid.view.page import Figure, Section, Table, Text
 from deltaid.view.torques import grid, place
 
-# Dots of recordings, few enough not to hide a law.
+# Number of dots of a recording, few enough not to hide a law.
 _DOTS = 1500
 
 

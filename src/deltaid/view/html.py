@@ -1,8 +1,7 @@
-"""A page as one HTML file without any request.
+"""A page as one HTML file that loads nothing else.
 
-What it looks like is decided in `page.html.jinja`, `page.css` and `page.js`, and for figures in
-`style.py`. Its first screen says the verdict, shows the robot and says how the page was made; what
-is behind it unfolds below.
+`page.html.jinja`, `page.css` and `page.js` define its look, `style.py` that of figures. The first
+screen shows the verdict, the robot and the origin of the page; sections unfold below.
 """
 
 import base64
@@ -24,12 +23,12 @@ from deltaid.robot.body import body_in_words
 from deltaid.view import style
 from deltaid.view.page import Figure, Lines, Page, Table, Text
 
-# Cells longer than this [characters] may break into lines.
+# Length above which cells may break into lines [characters].
 _LONG = 40
 
 
 def write_page(page: Page, path: Path) -> None:
-    """Write a page under a name, whole or not at all.
+    """Write a page to a file, whole or not at all.
 
     Raises:
         DeltaidError: the file cannot be written.
@@ -39,7 +38,7 @@ def write_page(page: Page, path: Path) -> None:
 
 
 def render(page: Page) -> str:
-    """The page as one HTML document: style, script, Plotly and data inside, nothing outside."""
+    """The page as one HTML document that contains style, script, Plotly and data."""
     return (
         environment()
         .get_template("page.html.jinja")
@@ -53,18 +52,18 @@ def render(page: Page) -> str:
 
 
 def contents(page: Page) -> dict[str, Any]:
-    """Variables of the template `page.html.jinja`, or of one that extends it, for a page."""
+    """Variables of `page.html.jinja`, or of a template that extends it, for a page."""
     light, dark = (_embedded(style.template(dark).to_plotly_json()) for dark in (False, True))
     return {"page": page, "light": light, "dark": dark}
 
 
 @cache
 def environment(room: str = "view") -> Environment:
-    """Environment of a room's templates and those of pages."""
+    """Jinja environment with the templates of a room and those of pages."""
     environment = Environment(
         loader=ChoiceLoader([PackageLoader("deltaid", name) for name in (room, "view")]),
         autoescape=True,
-        # No control characters except in the page's own markup.
+        # Control characters are allowed in the page's own markup only.
         finalize=lambda value: visible(value) if type(value) is str else value,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -83,18 +82,18 @@ def environment(room: str = "view") -> Environment:
     return environment
 
 
-# Decimals of readings, by unit.
+# Number of decimals of readings, by unit.
 _DECIMALS = {"deg": 1, "m": 4, "N": 1}
 
 
 def reading(value: float, unit: str = "") -> str:
-    """A number with a constant number of decimals, and no signed zero."""
+    """A number with a fixed number of decimals, without negative zero."""
     digits = _DECIMALS.get(unit, 2)
     return f"{round(value, digits) + 0.0:.{digits}f} {unit}".rstrip()
 
 
 def part(name: str) -> Markup:
-    """A file of this room, such as the style of its pages."""
+    """Content of a file of this room, such as the style of pages."""
     return Markup(files("deltaid.view").joinpath(name).read_text(encoding="utf-8"))
 
 
@@ -105,27 +104,27 @@ def _figure_json(block: Figure) -> Markup:
 
 
 def _embedded(value: dict[str, Any]) -> Markup:
-    """JSON that stays inside its script element whatever its strings hold.
+    """JSON that cannot end its script element, whatever its strings hold.
 
-    Plotly's own encoder escapes the same character, but does not promise to.
+    Plotly's own encoder escapes the same character, but does not guarantee it.
     """
     return Markup(plotly.io.json.to_json_plotly(value).replace("<", "\\u003c"))
 
 
 @cache
 def _plotly() -> Markup:
-    """Plotly's script, compressed; the browser unpacks it, so a page is half as large."""
+    """Plotly's script, compressed; the browser unpacks it, which halves the size of a page."""
     return Markup(base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode())
 
 
 _UNIT = re.compile(r"\[.*?\]|\d %")
 _STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d(?!\d{3}-\d\d)")  # dates are no numbers
 _NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w.])")
-# Symbols of a sentence that need typesetting; names of files and options hold none.
+# Numbers in a sentence that need typesetting; those in names of files and options are skipped.
 _IN_PROSE = re.compile(
     r"(?<![\w.:/-])(?:(-)(?=\d)|(?=\d+(?:\.\d+)?e[+-]))(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w./-])"
 )
-# Characters of a cell of numbers besides digits.
+# Characters besides digits in a cell of numbers.
 _AROUND = re.compile(r"[\s…,×≥≤±%]*")
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _MIXED = ("xy", "xz", "yz")
@@ -139,7 +138,7 @@ _ENTRIES = {
     **{f"S{a}{b}": f"second moment of mass along {a} and {b}" for a, b in _MIXED},
 }
 _ENTRY = rf"(?:{'|'.join(_ENTRIES)})"
-# 'U.mcx', in formulas 'mcx_U', in descriptions 'bodies.U', of a scale 'scale:U'.
+# Forms of names: 'U.mcx', in formulas 'mcx_U', in descriptions 'bodies.U', of a scale 'scale:U'.
 _NAME = re.compile(
     rf"(?<![\w.])(?:(?P<body>[^\W\d_]\w*)\.(?P<entry>{_ENTRY})|(?P<first>{_ENTRY})_(?P<of>\w+)"
     r"|bodies\.(?P<key>\w+)|(?P<tool>[a-z][a-z-]*):(?P<on>[A-Z]+\d*))(?!\w)"
@@ -147,7 +146,7 @@ _NAME = re.compile(
 
 
 def numeric(table: Table, column: int) -> bool:
-    """Whether a column holds numbers: each non-empty cell starts with one."""
+    """Whether a column holds numbers: each non-empty cell begins with one."""
     cells = [row[column] for row in table.rows if row[column] not in ("", "—")]
     return bool(cells) and all(_STARTS.match(cell) for cell in cells)
 
@@ -159,7 +158,8 @@ def paragraphs(text: str) -> list[str]:
 
 
 def heading(text: str) -> str:
-    """Head of a column, which may take several lines; a unit or a per cent sign stays whole."""
+    """Head of a column, which may break into lines but not within a unit or before a per cent
+    sign."""
     return _UNIT.sub(lambda match: match[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
 
 
@@ -184,7 +184,8 @@ def _prose(text: str) -> str:
 
 
 def explained(text: str) -> Markup:
-    """A sentence with explanations of its short names of bodies and entries, numbers typeset."""
+    """A sentence with typeset numbers and with explanations of short names of bodies and
+    entries."""
     parts = text.split(", ")
     if all(_is_short(part) for part in parts):
         return Markup(", ").join(_short(part, body_in_words(part)) for part in parts)
@@ -203,8 +204,8 @@ def _short(name: str, words: str) -> Markup:
 
 
 def legend(table: Table) -> tuple[tuple[str, str], ...]:
-    """Short names of bodies in a table with their meaning, each once: alone, in a list, in names of
-    entries. Links have names of their own."""
+    """Short names of bodies in a table with their meaning, each once: alone, in lists, and in names
+    of entries. Cells with links are skipped."""
     first, names = 1 if table.links else 0, list[str]()
     for cell in (*table.columns, *(cell for row in table.rows for cell in row[first:])):
         parts = cell.split(", ")

@@ -1,4 +1,4 @@
-"""The live view: a browser window with a draggable platform (viser, an optional library)."""
+"""The live view: a browser window with a draggable platform, by viser, an optional library."""
 
 import contextlib
 import io
@@ -20,18 +20,18 @@ from deltaid.view.drawing import Placement, along, members, outline_segments
 from deltaid.view.own_page import HOST, answering_own_page_only
 from deltaid.view.reach import limit_kinds, patches, reach
 
-# The usual port of a local server.
+# Usual port of a local server.
 DEFAULT_PORT = 8080
-# Position of the camera, in sizes of the robot.
+# Position of the camera, in multiples of the robot's size.
 _FROM = np.array([1.3, 1.0, 0.35])
-# Sides of a cylinder that looks round.
+# Number of sides of a cylinder, enough to look round.
 _SIDES = 16
-# Share of a colour's brightness under the lamps, which bleach it.
+# Factor on a colour's brightness, because the lamps brighten it.
 _SHADE = 0.7
 
 
 def require_viser() -> ModuleType:
-    """The library behind the live view.
+    """The library of the live view.
 
     Raises:
         DeltaidError: it is not installed.
@@ -43,11 +43,11 @@ def require_viser() -> ModuleType:
 class LiveView:
     """A robot in a browser window, and the server behind it.
 
-    Everything that is shown follows from `view`; the window only asks for poses.
+    The window shows `view` and only requests poses.
 
     Args:
-        robot: what is shown.
-        port: where the server listens, on this machine only; 0 takes any free one.
+        robot: to be shown.
+        port: that the server listens on, on this machine only; 0 for any free one.
 
     Raises:
         DeltaidError: viser is not installed.
@@ -79,11 +79,11 @@ class LiveView:
 
     @property
     def url(self) -> str:
-        """Address of the view."""
+        """Address of the live view."""
         return f"http://{HOST}:{self.server.get_port()}"
 
     def move(self, wanted: Float[np.ndarray, " dof"], *, dragging: bool = False) -> View:
-        """Request a pose and show the result; the handle stays put while it is dragged."""
+        """Request a pose and show the result; the handle is not moved while the user drags it."""
         with self._lock:
             self.view = moved(self.robot, self.view, wanted)
             self._draw(dragging)
@@ -162,7 +162,8 @@ class LiveView:
         self.server.initial_camera.position = middle + self._size * _FROM
 
     def _dragged(self, event: Any) -> None:
-        """The robot follows the handle, which snaps back to it when released; the message stays."""
+        """Move the robot with the handle, which snaps back to it when released; the message
+        stays."""
         if event.phase == "end":
             with self._lock:
                 self._draw(dragging=False)
@@ -189,13 +190,13 @@ class LiveView:
         return inputs
 
     def _on_input(self, event: Any) -> None:
-        if event.client is not None:  # otherwise this program wrote the number itself
+        if event.client is not None:  # without a client, this program changed the number
             turn = [np.deg2rad(self._inputs["turn"].value)] if "turn" in self._inputs else []
             self.move(np.array([*self._inputs["point"].value, *turn]))
 
 
 def cylinder() -> Float[np.ndarray, "corners 3"]:
-    """Corners of a cylinder of radius 1 and length 1 about its z axis, its middle at the origin."""
+    """Corners of a cylinder of radius 1 and length 1 along z, centred at the origin."""
     angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.full(_SIDES, 0.5)])
     return np.concatenate([ring, ring * [1.0, 1.0, -1.0]])

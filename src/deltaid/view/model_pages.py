@@ -34,15 +34,15 @@ from deltaid.view.torques import over_time, residual_blocks
 def identification_page(result: Identification, verification: Validation | None = None) -> Page:
     """The page of `deltaid identify`.
 
-    Reads its recordings once more, in constant memory.
+    Its recordings are read once more, in constant memory.
 
     Args:
-        verification: the model compared with a recording that it has not seen.
+        verification: comparison of the model with another recording.
     """
     model, verdicts = result.model, getattr(result, "verdicts", ())
     dynamics, recordings = compiled(model.robot), result.recordings
     comparisons = tuple(compare(dynamics, model.p, recording) for recording in recordings)
-    # Verdicts of the checks stand in their table, beneath the verdict.
+    # The table of checks below the verdict shows these sentences already.
     sentences = {verdict.sentence for verdict in verdicts}
     warnings = [text for text in model.warnings if text not in sentences]
     log, error, seen, verified = None, None, comparisons[0], ""
@@ -176,7 +176,7 @@ def validation_page(value: Validation) -> Page:
 
 
 def model_page(value: Model | IdentifiedModel) -> Page:
-    """The page of a model alone, without its recordings."""
+    """The page of a model without its recordings."""
     model = load(value)
     known = model.identified
     if known is None:
@@ -201,7 +201,7 @@ def model_page(value: Model | IdentifiedModel) -> Page:
 
 
 def model_figure(value: Model | IdentifiedModel) -> go.Figure:
-    """Parameters beside their prior, with intervals; at the prior, the robot."""
+    """Parameters compared with their prior, with intervals; for a prior, the robot."""
     model = load(value)
     if model.identified is None:
         return robots.robot_figure(model.robot)
@@ -209,7 +209,7 @@ def model_figure(value: Model | IdentifiedModel) -> go.Figure:
 
 
 def identification_figure(value: Identification) -> go.Figure:
-    """Torques of its first recording, measured and predicted."""
+    """Measured and predicted torques of the first recording."""
     return _torques(load(value.model), value.recordings[0])
 
 

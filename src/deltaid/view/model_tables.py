@@ -1,4 +1,4 @@
-"""Tables of an identified model, shared by terminal and page."""
+"""Tables of an identified model, shared by the terminal and pages."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -10,17 +10,17 @@ from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.view.numbers import measured, number, percent, span, with_uncertainty
 from deltaid.view.page import Table
 
-if TYPE_CHECKING:  # `deltaid base` prints a table without loading what reads recordings
+if TYPE_CHECKING:  # `deltaid base` prints a table without loading recordings' modules
     from deltaid.identification.least_squares import BaseEstimate
     from deltaid.identification.torque_error import TorqueError
     from deltaid.model.model import Model
     from deltaid.model.parameter_record import BaseParameter, Parameter
     from deltaid.model.record import IdentifiedModel
 
-# Origins of intervals other than the parameter's own prior, and those that determine it by itself.
+# Origins of intervals other than the parameter's own prior; those that need no priors of others.
 MEASURED = ("data", "measured", "sum", "limit")
 BY_ITSELF = ("data", "measured")
-# Ratio of both sides of an interval beyond which its ends are written.
+# Ratio of both sides of an interval above which a table shows its ends.
 _LOPSIDED = 2.0
 # Meaning of ± in tables.
 _HALF_WIDTH = "± (95 %)"
@@ -41,7 +41,7 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
     """Prior, value, interval and origin of every parameter that is not zero by structure.
 
     Args:
-        truth: of a surrogate robot, parameter by parameter, which stands in place of the prior.
+        truth: true parameters of a surrogate robot, shown in place of the prior.
     """
     shown = [(k, p) for k, p in enumerate(model.parameters) if p.determined_by != "structure"]
     return Table(
@@ -76,19 +76,20 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
 
 
 def sums(model: "IdentifiedModel") -> list[str]:
-    """Sentences on parameters that torques determine only as sums, with those whose priors they
-    rest on."""
+    """A sentence on parameters that torques determine only as sums, with the parameters whose
+    priors they need."""
     resting = [p for p in model.parameters if p.determined_by == "sum" and p.rests_on]
     pairs = [f"{p.name} on {' and '.join(p.rests_on)}" for p in resting]
     return [f"Known as sums, with the priors of others: {', '.join(pairs)}."] if pairs else []
 
 
 def value_and_width(parameter: "Parameter") -> tuple[str, str]:
-    """Value, and half the width or the ends of its 95 % interval; for a prior its width."""
+    """Value, and half the width or the ends of its 95 % interval; for a prior, the prior's
+    width."""
     if parameter.determined_by not in MEASURED:
         bound = "≥ " if parameter.determined_by == "consistency" else ""
         return bound + number(parameter.value), _prior_width(parameter)
-    if parameter.high is None or parameter.low is None:  # in a model of an earlier version
+    if parameter.high is None or parameter.low is None:  # a model of an earlier version
         from deltaid.estimation.scatter import NORMAL
 
         return with_uncertainty(parameter.value, NORMAL * parameter.std)
@@ -100,7 +101,7 @@ def value_and_width(parameter: "Parameter") -> tuple[str, str]:
 
 
 def _prior_width(parameter: "Parameter") -> str:
-    """Uncertainty of a prior: a factor for moments of inertia, else a share."""
+    """Uncertainty of a prior: a factor for moments of inertia, a share for other parameters."""
     if parameter.determined_by != "prior" or parameter.high is None or not parameter.prior:
         return ""
     if parameter.low and parameter.name.endswith(MOMENTS_OF_INERTIA):
@@ -109,7 +110,7 @@ def _prior_width(parameter: "Parameter") -> str:
 
 
 def base_table(parameters: "Sequence[BaseParameter]") -> Table:
-    """Formula, value and interval of base parameters that a model holds."""
+    """Formula, value and interval of a model's base parameters."""
     return _base(
         [p.formula for p in parameters],
         [(p.value, p.high - p.value, p.unit) for p in parameters],
@@ -138,7 +139,7 @@ def _base(formulas: Sequence[str], values: list[tuple[float, float, str]] | None
 
 
 def error_table(model: "Model", verification: "TorqueError | None") -> Table:
-    """Torque errors per drive, on the identification's recordings and on another one."""
+    """Torque errors of each drive, on the identification's recordings and on another one."""
     fit, units = model.identified and model.identified.fit, model.robot.drive_units
     errors = [error for error in (fit, verification) if error is not None]
     alike, first = len(set(units.values())) == 1, next(iter(units.values()))
@@ -169,7 +170,7 @@ def error_table(model: "Model", verification: "TorqueError | None") -> Table:
 
 
 def choice_table(choice: FrictionChoice, robot: RobotDescription) -> Table:
-    """Gain of every addition alone, joint by joint, and the chosen law."""
+    """Gain of every additional term alone, joint by joint, and the chosen law."""
     gains = {(t.joint, t.addition): t for t in choice.trials}
     rows = tuple(
         (joint, *(_gain(gains.get((joint, key))) for key in ADDITIONS), law_in_words(law))
@@ -186,7 +187,7 @@ def _gain(trial: FrictionTrial | None) -> str:
 
 
 def choice_sentence(choice: FrictionChoice) -> str:
-    """The torque error before and after the choice."""
+    """The torque error before and after the selection of laws."""
     return (
         f"torque error {percent(choice.plain_error)} of the largest torque with the described "
         f"laws, {percent(choice.chosen_error)} with the chosen ones"

@@ -1,4 +1,4 @@
-"""Models, identifications and comparisons with recordings: cards."""
+"""Cards, tables and figures of models, identifications and comparisons with recordings."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -55,7 +55,7 @@ def warned(warnings: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
 
 
 def model_frame(value: ModelLike) -> pl.DataFrame:
-    """Parameters, a row each; at the prior without intervals."""
+    """Parameters, one per row; for a prior without intervals."""
     model = load(value)
     if model.identified is None:
         layout = model.layout
@@ -133,7 +133,7 @@ def feed_forward_frame(value: FeedForward) -> pl.DataFrame:
 
 
 def sample_table(drawn: Samples) -> Table:
-    """Identified values beside mean and spread of the drawn models, for parameters that vary."""
+    """Identified values with mean and spread of the drawn models, for parameters that vary."""
     fitted = dict(zip(drawn.model.layout.names, drawn.model.p.tolist(), strict=True))
     low, high = np.quantile(drawn.p, [0.025, 0.975], axis=0)
     return Table(
@@ -155,7 +155,7 @@ def sample_table(drawn: Samples) -> Table:
 
 
 def sample_sentence(drawn: Samples) -> str:
-    """Number, effective number, agreement of chains."""
+    """Number and effective number of models, and agreement of chains."""
     apart = percent(drawn.limb_tolerance)
     scatter = f", limbs apart by {apart} (one standard deviation)" if drawn.limb_tolerance else ""
     return (
@@ -181,7 +181,8 @@ def samples_frame(value: Samples) -> pl.DataFrame:
 
 
 def samples_figure(value: Samples) -> go.Figure:
-    """Median and the middle 50 and 95 % of every parameter that varies, beside the fitted value."""
+    """Median and middle 50 and 95 % of every parameter that varies, relative to the fitted
+    value."""
     fitted = dict(zip(value.model.layout.names, value.model.p.tolist(), strict=True))
     ends = np.quantile(value.p, [0.025, 0.25, 0.5, 0.75, 0.975], axis=0)
     shown = [i for i, n in enumerate(value.names) if ends[-1, i] > ends[0, i] and fitted.get(n)]

@@ -23,9 +23,9 @@ _UNTOLD = (
 
 
 def online_page(watched: Watched, title: str) -> Page:
-    """The page of a watched recording.
+    """The page of a recording that `deltaid online` has processed.
 
-    Of a long one lines have of each stretch the cycle in which the residual is largest.
+    Each stretch of a long recording is drawn by the cycle with its largest residual.
     """
     series = watched.series
     watched = replace(watched, series=series[peak_rows(series["contact_size"].to_numpy(), POINTS)])
@@ -66,7 +66,7 @@ def online_page(watched: Watched, title: str) -> Page:
 
 
 def verdict(watched: Watched) -> Summary:
-    """Number of loads and contacts; doubtful where there is a warning."""
+    """Number of loads and contacts; doubtful if there is a warning."""
     loads, touches, doubts = len(watched.loads), len(watched.touches), len(watched.doubts)
     text = (
         f"Done: {loads} load{'s' * (loads != 1)} and {touches} contact{'s' * (touches != 1)} in "
@@ -216,7 +216,7 @@ def _at_most(watched: Watched) -> str:
 
 
 def told_lines(watched: Watched) -> tuple[str, ...]:
-    """Identifiable quantities, and the time of a cycle."""
+    """Smallest detectable force, unused cycles, and the computing time of a cycle."""
     bad = f"{watched.bad} of {watched.cycles} cycles could not be used"
     return (
         f"Smallest detected force on the platform: {number(watched.best, 2)} N along the best "

@@ -1,8 +1,8 @@
-"""Protection of a local server: it answers its own page only, whatever else the browser shows.
+"""Protection of a local server: it answers only its own page.
 
 Any web page can open a websocket to this machine, and through a name that resolves to 127.0.0.1
-(DNS rebinding) it even looks like the server's own. So the server checks where a request comes from
-(Origin) and which server it names (Host).
+(DNS rebinding) it even looks like the server's own. So the server checks the origin of a request
+(Origin) and the server that it names (Host).
 """
 
 import socket
@@ -13,17 +13,17 @@ from typing import Any
 
 from deltaid.errors import DeltaidError
 
-# Period of checks for what no event reports, such as Ctrl-C on some systems, or changed files [s].
+# Period of polling for what no event reports, such as changed files, or Ctrl-C on some systems [s].
 POLL = 0.5
-# Only this machine can open the page.
+# Only this machine can reach this address.
 HOST = "127.0.0.1"
 
 
 def free_port(candidates: Iterable[int]) -> int:
-    """The first free one of some ports; 0 stands for any.
+    """The first free port of some candidates; 0 is any free one.
 
     Raises:
-        DeltaidError: none can be had.
+        DeltaidError: none is available.
     """
     port, reason = 0, ""
     for port in candidates:
@@ -38,9 +38,9 @@ def free_port(candidates: Iterable[int]) -> int:
 
 @contextmanager
 def answering_own_page_only() -> Generator[None, None, None]:
-    """Make servers that viser starts inside refuse all other pages.
+    """Make servers that viser starts inside the block refuse all other pages.
 
-    viser has no setting for it; its websocket library asks `process_request` about every request.
+    viser has no such setting; its websocket library calls `process_request` for every request.
 
     Raises:
         DeltaidError: this version of viser starts its server in another way.
@@ -79,9 +79,8 @@ def is_own(hosts: Sequence[str], origins: Sequence[str], port: int, *, websocket
 
     Args:
         hosts, origins: all values of these headers.
-        port: where the server listens.
-        websocket: whether it asks for one, which has to say where it comes from, as every browser
-            makes it do.
+        port: that the server listens on.
+        websocket: whether it requests a websocket, which needs an Origin; every browser sends it.
     """
     own = [f"{HOST}:{port}", f"localhost:{port}"]
     if len(hosts) != 1 or hosts[0].lower() not in own or len(origins) > 1:

@@ -1,7 +1,7 @@
 """A page as data: text, tables and figures, headed by verdict, picture and origin.
 
 Builders of this room compose pages of these classes; `html.py` renders them, and the terminal and
-notebooks print the same tables. It imports nothing heavy, because short commands print tables too.
+notebooks print the same tables. Imports are fast, because short commands print tables too.
 """
 
 import shlex
@@ -34,16 +34,16 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of finished cells.
+    """A table of formatted cells.
 
-    A page sets columns of numbers flush right, `muted` rows in grey, the first cell of `marked`
-    rows in the colour of doubt, and the caption below; the terminal prints the title above. What
-    `links` and `choices` say is for the pages of a site.
+    A page aligns columns of numbers to the right, shows `muted` rows in grey, the first cell of
+    `marked` rows in the colour of doubt, and the caption below; the terminal prints the title
+    above. `links` and `choices` are for the pages of a site.
 
     Attributes:
-        links: where the first cell of each row leads, empty for nowhere; none for no cell.
-        choices: columns, by their numbers, of which one value can be chosen, in a table that one
-            can search and sort; None for one that stays as it is.
+        links: target of the first cell of each row, empty for none; no entries for no links.
+        choices: indices of columns with a filter by value, in a table with search and sorting; None
+            for a static table.
     """
 
     columns: tuple[str, ...]
@@ -56,7 +56,7 @@ class Table:
     choices: tuple[int, ...] | None = None
 
     def without(self, *columns: str) -> "Table":
-        """The same without some columns, where it has them."""
+        """The table without some columns, if it has them."""
         kept = [k for k, name in enumerate(self.columns) if name not in columns]
         rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
         return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
@@ -72,10 +72,10 @@ class Lines:
 
 @dataclass(frozen=True)
 class Figure:
-    """A Plotly figure without template or width, which are the page's; its height is its own.
+    """A Plotly figure without template and width, which the page sets.
 
     Attributes:
-        paper: its largest height on paper [px], of which a page has a thousand.
+        paper: its largest height on paper [px], where a page has 1000.
     """
 
     figure: "go.Figure"
@@ -94,7 +94,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Chart(Figure):
-    """The same as plain data, for thousands of pages: Plotly's classes take 0.1 s a page."""
+    """A figure as plain data, for thousands of pages: Plotly's classes take 0.1 s per page."""
 
     figure: Mapping[str, Any]
 
@@ -112,11 +112,11 @@ Block = Text | Table | Lines | Figure
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter of the page, listed in its contents.
+    """A section of the page, listed in its contents.
 
     Attributes:
-        about: what one finds in it, in a line that is read while it is folded.
-        unfolded: whether it is open when the page is opened, and so on paper.
+        about: its content, in a line that is visible while it is folded.
+        unfolded: whether it is open when the page is opened, and on paper.
     """
 
     title: str
@@ -137,14 +137,14 @@ class Fact:
 class Trust(StrEnum):
     """Grade of a model.
 
-    - good: predicts every drive of a motion that it has not seen within 5 %, at most 1 % of a
-      drive's torque is unexplained, and nothing about its recordings or its fit is doubtful;
+    - good: predicts every drive on an unseen motion within 5 %, at most 1 % of a drive's torque is
+      unexplained, and nothing about its recordings or its fit is doubtful;
     - fair: predicts within 15 %, or within 5 % while something is doubtful, and at most 15 % is
       unexplained;
     - poor: worse than that, much worse than in the identification, identified with `--force` from
-      what the checks call wrong, or not physically consistent;
-    - untested: no motion that it has not seen is known, and nothing is poor yet. However well a
-      model fits its own recording, that does not make it good.
+      recordings that the checks call wrong, or not physically consistent;
+    - untested: there is no unseen motion yet, and no reason to call it poor. A good fit of its own
+      recording does not make a model good.
     """
 
     GOOD = "good"
@@ -160,7 +160,7 @@ class Summary:
     Attributes:
         grade: how far the model may be trusted.
         sentence: the verdict, such as "Good: predicts torques of an unseen motion within 1.2 %.".
-        lines: further sentences: origin of its numbers, corrections, doubts.
+        lines: additional sentences: origin of its numbers, corrections, doubts.
     """
 
     grade: Trust
@@ -170,11 +170,11 @@ class Summary:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture as lines that scale, in the colours of the page.
+    """A picture of lines, which scales and has the colours of the page.
 
     Attributes:
-        svg: an element to stand in a page.
-        names: short names of the bodies, and what they stand for.
+        svg: an SVG element.
+        names: short names of the bodies, and their meaning.
     """
 
     svg: "Markup"
@@ -186,7 +186,7 @@ class Made:
     """Origin of a page.
 
     Attributes:
-        command: as it was typed; of a program that uses deltaid as a library, that says so.
+        command: as typed; empty for a page that another program made.
         on: day and time, with the offset from UTC.
     """
 
@@ -196,7 +196,7 @@ class Made:
 
 
 def made() -> Made:
-    """By this process, now."""
+    """The origin of a page that this process makes now."""
     typed = bool(sys.argv) and Path(sys.argv[0]).stem == _COMMAND
     command = shlex.join([_COMMAND, *sys.argv[1:]]) if typed else ""
     return Made(
@@ -210,10 +210,10 @@ class Page:
 
     Attributes:
         facts: key figures.
-        sections: chapters that unfold; where there is no front, the first one is open.
-        verdict: in plain words, before anything else.
+        sections: sections that unfold; without a front, the first one is open.
+        verdict: in plain words, at the top.
         drawing: of the robot, with its bodies named.
-        front: tables and figures that everyone should see, on screen and on paper.
+        front: tables and figures that every reader should see, on screen and on paper.
         made: how the page was made.
     """
 
@@ -229,11 +229,11 @@ class Page:
 
     @property
     def has_figures(self) -> bool:
-        """Whether Plotly draws anything."""
+        """Whether the page needs Plotly."""
         blocks = [*self.front, *(block for section in self.sections for block in section.blocks)]
         return any(isinstance(block, Figure) for block in blocks)
 
     def is_open(self, section: Section) -> bool:
-        """Whether a chapter is initially open."""
+        """Whether a section is initially open."""
         bare = not self.front and not any(other.unfolded for other in self.sections)
         return section.unfolded or (bare and section is self.sections[0])

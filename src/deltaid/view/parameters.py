@@ -1,4 +1,4 @@
-"""Parameters of a model: prior, value, interval, and the source of each."""
+"""Parameters of a model: prior, value, interval, and the origin of each."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -18,7 +18,7 @@ from deltaid.view.model_tables import BY_ITSELF, MEASURED, base_table, parameter
 from deltaid.view.numbers import number
 from deltaid.view.page import Figure, Section, Table, Text
 
-_FAR = 300.0  # largest shown difference from the prior [%], as larger ones would flatten all others
+_FAR = 300.0  # largest shown difference from the prior [%]; larger ones would flatten all others
 _SOURCES = {
     "noise": "torques",
     "sensors": "sensors",
@@ -27,12 +27,12 @@ _SOURCES = {
     "geometry": "geometry and effects",
     "unseen": "not shown",
 }
-# Sources that are shown only where a model has them.
+# Sources that are shown only for models that have them.
 _BESIDE = ("sensors", "measured")
 
 
 def parameter_section(model: IdentifiedModel) -> Section:
-    """Parameters that are not zero by structure, as a table and beside their prior."""
+    """Parameters that are not zero by structure, as a table and relative to their prior."""
     shares = share_table(model)
     return Section(
         "Parameters",
@@ -116,20 +116,20 @@ def _change(parameter: Parameter) -> float:
 
 
 def _reach(parameter: Parameter) -> tuple[float, float]:
-    """Extent of the interval down and up [% of the prior]; zero where data did not decide."""
+    """Extent of the interval down and up [% of the prior]; zero unless data determines it."""
     if parameter.determined_by not in MEASURED:
         return 0.0, 0.0
     half, share = NORMAL * parameter.std, 100 / abs(parameter.prior)
-    # Models of earlier versions have a standard deviation only.
+    # Models of earlier versions have only a standard deviation.
     if parameter.low is None or parameter.high is None:
         return share * half, share * half
     return share * (parameter.value - parameter.low), share * (parameter.high - parameter.value)
 
 
 def share_table(model: IdentifiedModel) -> Table | None:
-    """Sources of the intervals of parameters that the data decided, and of base parameters.
+    """Sources of the intervals of parameters that data determines, and of base parameters.
 
-    None for a model of an earlier version, which does not know them.
+    None for a model of an earlier version, which lacks them.
     """
     shown = [(p.name, p.share) for p in _decided(model.parameters)]
     shown += [(f"base: {group.representative}", group.share) for group in model.base_parameters]
@@ -152,7 +152,7 @@ def share_table(model: IdentifiedModel) -> Table | None:
 
 
 def shares_sentence(model: IdentifiedModel) -> str:
-    """The same in one sentence; empty for a model of an earlier version."""
+    """The sources in one sentence; empty for a model of an earlier version."""
     parts = [(p.name, p.share) for p in _decided(model.parameters) if p.share is not None]
     if not parts:
         return ""
@@ -179,7 +179,7 @@ def _keys(shares: Sequence[Share]) -> list[str]:
 
 
 def _percent(share: float) -> str:
-    """A share in whole per cent, or '< 1'."""
+    """A share in whole per cent, or '< 1 %'."""
     return f"{100 * share:.0f} %" if share >= 0.005 or share == 0 else "< 1 %"
 
 
@@ -189,7 +189,7 @@ def information_section(result: Identification) -> Section:
     information = result.problem.information
     columns = [group.representative for group in base.groups]
     Y = information.weighted()[:, np.searchsorted(information.columns, columns)]
-    # Triangular factor of the weighted base regressor, columns of unit length.
+    # Triangular factor of the weighted base regressor with columns of unit length.
     R = triangle(Y / np.linalg.norm(Y, axis=0))
     values = np.linalg.svd(R, compute_uv=False)
     spectrum = go.Figure(

@@ -1,4 +1,4 @@
-"""Reach of a robot from its home pose and the limits that end it, the reachable region, and
+"""Reach of a robot from its home pose and the limits that bound it, the reachable region, and
 sections through it."""
 
 import itertools
@@ -21,10 +21,10 @@ from deltaid.view.page import Figure
 
 # Angle between directions of the rays [deg].
 _EVERY = 4
-# Steps of a ray over the largest possible reach, which skip narrower gaps between two limits, and
-# halvings that locate its end within micrometres.
+# Steps of a ray over the largest possible reach, so that gaps shorter than a step are missed;
+# number of bisections, which locate its end within micrometres.
 _STEPS, _HALVINGS = 300, 20
-# Points along each side of a section: smooth contours in a second.
+# Points along each side of a section, for smooth contours within a second.
 _GRID = 161
 NOTHING = "nothing"
 
@@ -36,14 +36,14 @@ class Reach:
     Rows are polar angles from world z down (0 … π), columns azimuths (0 … 2 π, both ends).
 
     Attributes:
-        home: where all ways begin, z.
+        home: start of all rays, z.
         points: their ends in the world [m].
         distance: their lengths [m].
-        ended_by: number of the limit of `AtRest.limits` that ends each; −1 where none does within
-            the robot's own lengths.
-        volume: of what lies between home and the ends [m³].
-        shares: share of all directions, by solid angle, that each limit ends; by its number.
-        turn: lowest and highest tool angle at home [rad], and the limits that end it (−1: none);
+        ended_by: index of the limit in `AtRest.limits` that ends each; −1 if none does within the
+            robot's own lengths.
+        volume: between home and the ends [m³].
+        shares: share of all directions, by solid angle, that each limit ends; by its index.
+        turn: lowest and highest tool angle at home [rad], with the limits that end it (−1: none);
             None without a tool that turns.
     """
 
@@ -58,11 +58,11 @@ class Reach:
 
 @dataclass(frozen=True)
 class WorkspaceSurvey:
-    """Poses of the workspace, at all angles of the tool, with the use of limits.
+    """Poses in the workspace, at all angles of the tool, with the use of limits.
 
     Attributes:
-        poses: those of the workspace where the robot can stand.
-        standing: share of the workspace where it can stand.
+        poses: those where the robot can stand.
+        standing: share of the workspace where the robot can stand.
         within: share of the workspace where it keeps all its limits.
     """
 
@@ -72,10 +72,10 @@ class WorkspaceSurvey:
 
 
 def require_space(robot: RobotDescription) -> None:
-    """Raise for a robot that does not move along x, y and z.
+    """Refuse a robot that does not move along x, y and z.
 
     Raises:
-        KinematicsError: with what it moves along.
+        KinematicsError: it moves along other coordinates only.
     """
     if len(robot.task.axes) < 3:
         raise KinematicsError(
@@ -88,8 +88,8 @@ def require_space(robot: RobotDescription) -> None:
 def reach(robot: AtRest) -> Reach:
     """Ends of rays in all directions, within the machine's own limits.
 
-    Distances are found by steps and then by halving. The region is described wholly where straight
-    ways from home lead everywhere, which is so for the usual Deltas.
+    Distances are found by steps and then by bisection. The result describes the whole region if
+    every point is on a free straight line from home, as for the usual Deltas.
     """
     polar, azimuth = np.meshgrid(
         *(np.deg2rad(np.arange(0, end + 1, _EVERY)) for end in (180, 360)), indexing="ij"
@@ -114,7 +114,7 @@ def reach(robot: AtRest) -> Reach:
 
 
 def survey(robot: AtRest) -> WorkspaceSurvey:
-    """Poses spread evenly over the workspace, and along its edges, where the extremes are."""
+    """Poses spread evenly over the workspace, and along its edges, where extremes occur."""
     edges, turn = outline_points(robot.robot.workspace), robot.robot.turn
     box = np.stack([edges.min(axis=0), edges.max(axis=0)])
     if robot.dynamics.dof > 3:  # at home and at both ends of the tool's range
@@ -162,14 +162,13 @@ def _ends(
 
 
 def _longest(robot: AtRest) -> float:
-    """Upper bound of the reach [m]."""
+    """Upper bound of the reach [m]; without limbs, a multiple of home's distance."""
     spans, home = [], np.linalg.norm(robot.home[:3])
     for i, limb in enumerate(robot.robot.limb_geometry, 1):
         ends = robot.robot.limits_of(f"drive{i}").range
         rail = float(np.abs(ends).max()) if ends else 1.0
         drive = limb.upper_arm if limb.drive == "rotary" else rail
         spans.append(np.linalg.norm(limb.base) + drive + limb.strut)
-    # A mechanism without limbs has no such bound.
     return float(min(spans, default=3.0 * home) + home)
 
 
@@ -192,7 +191,7 @@ def limit_kinds(robot: AtRest) -> dict[str, str]:
 def patches(
     robot: AtRest, reached: Reach
 ) -> dict[str, tuple[Float[np.ndarray, "points 3"], np.ndarray]]:
-    """Corners and triangles of the region's surface, by the kind of limit that ends it."""
+    """Corners and triangles of the region's surface, by the kind of limit that bounds it."""
     corner = np.arange(reached.distance.size).reshape(reached.distance.shape)
     a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
     faces = np.stack([np.stack([a, b, c]), np.stack([a, c, d])]).reshape(2, 3, -1)
@@ -234,7 +233,7 @@ def picture(robot: AtRest, reached: Reach) -> Figure:
 
 
 def sections(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> Figure:
-    """Condition in two vertical planes and a horizontal one through home."""
+    """Condition and use of limits in two vertical planes and a horizontal one through home."""
     points = np.concatenate([reached.points.reshape(-1, 3), outline_points(robot.robot.workspace)])
     low, high = points.min(axis=0), points.max(axis=0)
     low, high = low - 0.06 * (high - low), high + 0.06 * (high - low)
@@ -252,7 +251,7 @@ def sections(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> Figure
         z[:, i], z[:, j] = np.tile(x, _GRID), np.repeat(y, _GRID)
         poses = robot(z)
         use = np.max(poses.shares[:, robot.of_workspace :], axis=1, initial=0.0)
-        # Out of reach counts as twice the limit, because contours need numbers without gaps.
+        # Out of reach counts as twice the limit, because contours need numbers everywhere.
         use = np.where(poses.stands, np.minimum(use, 2.0), 2.0)
         condition = np.where(poses.stands, np.minimum(poses.condition, largest), np.nan)
         shown = [values.reshape(_GRID, _GRID).astype(np.float32) for values in (condition, use)]

@@ -49,7 +49,7 @@ def recording_frame(value: Recording) -> pl.DataFrame:
 
 
 def recording_figure(value: Recording) -> go.Figure:
-    """Numeric columns over time, those of one name in one plot: q1, q2, …; tau1, …."""
+    """Numeric columns over time, one panel for columns of one name: q1, q2, …; tau1, …."""
     table = recording_frame(value)
     clock, groups = _clock(table), dict[str, list[str]]()
     for name in table.columns:
@@ -136,7 +136,7 @@ def mapping_card(value: ColumnMapping) -> Card:
 
 
 def _described_column(column: DriveColumn | AllDrives) -> str:
-    """'tau2 [N m; sign -1]': name, unit, and other conversions."""
+    """A column in words: 'tau2 [N m; sign -1]', its name, unit, and other conversions."""
     name = column.column or ", ".join(getattr(column, "columns", None) or ())
     more = [
         f"{key.replace('_', ' ')} {getattr(column, key)}"

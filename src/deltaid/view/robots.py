@@ -31,7 +31,7 @@ from deltaid.view.reach import (
 from deltaid.view.show import Card
 
 _Robot = RobotDescription | Kinematics | Dynamics | ForwardDynamics | ConstraintForces
-# Beginning of a card's title, and methods of the value.
+# Beginning of a card's title, and methods that the card lists.
 _KINDS: dict[type, tuple[str, tuple[str, ...]]] = {
     Kinematics: ("Kinematics of ", (".inverse(z)", ".forward(q)", ".jacobian(z)", ".condition(z)",
                                     ".plot()")),
@@ -150,7 +150,7 @@ def rest_facts(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> tupl
 
 
 def rest_lines(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> list[str]:
-    """A robot's title and its key figures at rest, a line each."""
+    """A robot's title and its key figures at rest, one per line."""
     return [
         robot.robot.title or robot.robot.name,
         *(
@@ -161,7 +161,7 @@ def rest_lines(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> list
 
 
 def rest_warnings(robot: AtRest, surveyed: WorkspaceSurvey) -> tuple[str, ...]:
-    """Parts of the described workspace that the machine's limits forbid."""
+    """A warning if the machine's limits forbid a part of the described workspace."""
     if surveyed.within == 1.0:
         return ()
     uses = zip(robot.limits, surveyed.poses.shares.max(axis=0, initial=0.0), strict=True)
@@ -180,7 +180,7 @@ def rest_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
     """Drive coordinates and holding torques, at home and over the workspace."""
     home, poses, rows = robot(robot.home[None]), surveyed.poses, list[tuple[str, ...]]()
     torques = np.concatenate([home.torque, poses.torque])
-    # Zero except for rounding.
+    # Torques that are zero except for rounding.
     torques[np.abs(torques) < 1e-9 * np.abs(torques).max(initial=0.0)] = 0.0
     for i, (drive, units) in enumerate(robot.robot.drive_units.items()):
         limits, scale = robot.robot.limits_of(drive), units.per_shown
@@ -207,7 +207,7 @@ def rest_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
 
 
 def use_table(robot: AtRest, surveyed: WorkspaceSurvey) -> Table:
-    """Largest use of each limit within the workspace, with its place."""
+    """Largest use of each limit in the workspace, with its place."""
     shares = surveyed.poses.shares
     places = surveyed.poses.z[shares.argmax(axis=0)]
     rows = [
@@ -242,7 +242,7 @@ def end_table(robot: AtRest, reached: Reach) -> Table:
 
 
 def percent_of(share: float) -> str:
-    """A share in per cent, with 100 and 0 only where they are exact."""
+    """A share in per cent, with 100 and 0 only if they are exact."""
     if share in (0.0, 1.0):
         return f"{100 * share:.0f} %"
     return f"{min(100 * share, 99.9):.1f} %" if share > 0.1 else percent(share)

@@ -12,12 +12,12 @@ from deltaid.view.numbers import number, percent
 from deltaid.view.page import Table
 from deltaid.view.show import Card
 
-# Shares of its prior between which an entry that is shown unasked falls.
+# Range of uncertainty, as a share of the prior's, in which an entry is shown by default.
 _LEFT, _LEARNT = 0.05, 0.97
 
 
 def chosen_entries(plan: SensorPlan) -> tuple[str, ...]:
-    """Some entries for the table of uses: those that torques see but leave uncertain."""
+    """Entries for the table of uses by default: torques affect them but leave them uncertain."""
     share = plan.described.shares / plan.unknowns.spread
     free = [
         f"{name}.{entry}"
@@ -55,8 +55,8 @@ def stages(plan: SensorPlan) -> dict[str, Outlook]:
 
 
 def bought(plan: SensorPlan) -> tuple[tuple[str, str, str], ...]:
-    """Residual uncertainty and cost of all worthwhile purchases, and the first one; empty where
-    there is none."""
+    """Remaining uncertainty and cost of all worthwhile purchases, and the first one; empty if there
+    are none."""
     if not plan.steps:
         return ()
     (first, _), (step, last), money = plan.steps[0], plan.steps[-1], plan.offers.currency
@@ -149,7 +149,7 @@ def stopped(plan: SensorPlan) -> str:
 
 
 def count_table(plan: SensorPlan) -> Table:
-    """Number of determined and undetermined combinations, by sensors; scales have a row each."""
+    """Number of determined and undetermined combinations, by sensors; scales have one row each."""
     return Table(
         ("with", "seen", "told", "open"),
         tuple(
@@ -169,7 +169,7 @@ def count_table(plan: SensorPlan) -> Table:
 
 
 def open_table(opening: Opening) -> Table:
-    """Undetermined entries, in words, and what would separate them."""
+    """Undetermined entries, in words, and the measurements that would separate them."""
     rows = tuple(
         (open_.words, ", ".join(open_.entries), ", ".join(parted) or "nothing by itself")
         for open_, parted in zip(opening.null.directions, opening.parted, strict=True)
@@ -199,7 +199,7 @@ def plan_card(value: SensorPlan) -> Card:
 
 
 def plan_frame(value: SensorPlan) -> pl.DataFrame:
-    """Entries, a row each: prior, and standard deviations as shares of their size."""
+    """Entries, one per row: prior, and standard deviations as shares of their size."""
     known = value.unknowns
     return pl.DataFrame(
         {

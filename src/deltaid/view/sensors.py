@@ -25,7 +25,7 @@ from deltaid.view.sensor_plan import (
     use_table,
 )
 
-# Height of one bar, and of everything around the bars [px].
+# Height of a bar, and of everything around the bars [px].
 _BAR, _AROUND = 22, 110
 
 
@@ -33,7 +33,7 @@ def plan_page(plan: SensorPlan, entries: Sequence[str] | None = None) -> Page:
     """The page of `deltaid sensors`.
 
     Args:
-        entries: that the table of uses shows; None for the default ones.
+        entries: in the table of uses; None for the default ones.
     """
     if entries is None:
         entries = chosen_entries(plan)
@@ -97,7 +97,7 @@ def plan_page(plan: SensorPlan, entries: Sequence[str] | None = None) -> Page:
 
 
 def plan_figure(plan: SensorPlan) -> go.Figure:
-    """Standard deviation after each step; without purchases, of all entries."""
+    """Standard deviation after each step; without purchases, those of all entries."""
     return next(block.figure for block in (*_steps(plan), _bars(plan)) if isinstance(block, Figure))
 
 
@@ -117,7 +117,7 @@ def _verdict(plan: SensorPlan, open_now: int) -> Summary:
 
 
 def _bars(plan: SensorPlan) -> Figure:
-    """Standard deviations before and after, a bar each; wide ones behind narrow ones."""
+    """Standard deviations before and after, one bar each; wide ones behind narrow ones."""
     u, shown = plan.unknowns, known_entries(plan)
     looks = {
         "torques": ("torques alone", style.PRIOR, 0.8),

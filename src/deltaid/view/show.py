@@ -17,19 +17,19 @@ from deltaid.view.page import Table
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-# Limits of a text representation: lines, and characters of a line.
+# Limits of a text representation: number of lines, and characters of a line.
 _LINES, _LINE = 10, 140
 _COLOURS = {
     "good": "#1a7f37", "fair": "#8a6100", "doubtful": "#8a6100", "poor": "#b42318",
     "wrong": "#b42318",
 }  # fmt: skip
 _OTHER = "#57606a"
-# Numbers of the largest array that is written out, and length of the longest text.
+# Limits of values in a card: numbers of an array that is written in full, and characters of a text.
 _WRITTEN, _CHARACTERS = 16, 60
 
 
-# Class, by the module that it lives in: its kind, and the modules of the functions that make its
-# card and frame, and its figure and page, such as 'run_card': here, or in a room above this one.
+# Class, by its module: name of the functions' kind, and the modules of its card and frame, and of
+# its figure and page. A function is 'run_card', for example, here or in a room above this one.
 _KINDS = {
     "calibration.calibrate.Calibration": ("calibration", "calibration", "calibration"),
     "model.verdict.Verdict": ("verdicts", "check", "check"),
@@ -73,15 +73,15 @@ class Card:
     """Representation of a value.
 
     Attributes:
-        title: what it is.
-        lines: sentences; the first is the verdict where there is a grade.
-        apart: whether facts have a line each at a prompt.
-        told: further sentences for a prompt; a notebook has a table of the same.
-        grade: a word of `Grade`, of models or of checks; empty for what is not judged.
+        title: what the value is.
+        lines: sentences; the first is the verdict if there is a grade.
+        apart: whether a prompt shows each fact on its own line.
+        told: additional sentences for a prompt, in place of a notebook's table.
+        grade: a word of `Grade`, of models or of checks; empty if the value has none.
         facts: its main numbers, by name.
-        table: the same as a table, for notebooks; None where facts are enough.
-        more: what unfolds below in a notebook: title, and text or table.
-        methods: what to do next, such as '.plot()'.
+        table: the numbers as a table, for notebooks; None if facts suffice.
+        more: sections that unfold in a notebook: title, and text or table.
+        methods: useful next calls, such as '.plot()'.
     """
 
     title: str
@@ -95,7 +95,7 @@ class Card:
     apart: bool = False
 
     def text(self) -> str:
-        """Some lines for a prompt."""
+        """A few lines for a prompt."""
         facts = [f"{name} {value}" for name, value in self.facts]
         sentences = (
             textwrap.shorten(line, 2 * _LINE, placeholder=" …")
@@ -110,11 +110,11 @@ class Card:
         return "\n".join([*folded, *([f"→ {'  '.join(self.methods)}"] if self.methods else [])])
 
     def html(self) -> str:
-        """A small piece of HTML for a notebook."""
+        """A short piece of HTML for a notebook."""
         lines, verdict = self.lines, ""
         if self.grade and lines:
             (verdict, *lines), (head, colon, rest) = lines, lines[0].partition(": ")
-            if colon and head.lower() == self.grade:  # the label has it
+            if colon and head.lower() == self.grade:  # the label shows the grade
                 verdict = rest
         table = self.table or (Table(("", ""), self.facts) if self.facts else None)
         colour = _COLOURS.get(self.grade, _OTHER)
@@ -127,7 +127,7 @@ class Card:
 
 
 def fields_card(value: Any) -> Card:
-    """Fields of a data class, or of a part of a description."""
+    """Card of the fields of a data class, or of a part of a description."""
     names = [f.name for f in fields(value)] if is_dataclass(value) else type(value).model_fields
     facts = (
         (name, _short_text(getattr(value, name))) for name in names if not name.startswith("_")

@@ -1,4 +1,4 @@
-"""Style of figures: colours with one meaning each, light and dark templates, safe labels."""
+"""Style of figures: colours with one meaning each, light and dark templates, escaped labels."""
 
 import html
 from collections.abc import Sequence
@@ -7,32 +7,32 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-# One colour a meaning in all figures: those of Okabe and Ito, distinct for colour-blind people,
-# slightly lighter for white and black grounds.
+# One colour for each meaning in all figures: those of Okabe and Ito, which colour-blind people can
+# distinguish, slightly lighter for white and black backgrounds.
 MEASURED = "#2b83c6"
 PREDICTED = "#e0701f"
 RESIDUAL = "#17a07a"
 PRIOR = "#8b929b"
 IDENTIFIED = PREDICTED
 LIMIT = "#c2508f"
-# Measured and predicted differ in more than colour: a broad line, and a thin dashed one on top.
+# Measured and predicted differ not only in colour: a broad line, and a thin dashed one on top.
 MEASURED_LINE = {"color": "#7fb5e0", "width": 4.0}
 PREDICTED_LINE = {"color": "#b3470a", "width": 1.5, "dash": "6px,2px"}
-# Cycle of colours that only distinguish drives or bodies.
+# Cycle of colours without a meaning, to distinguish drives or bodies.
 SERIES = ("#2b83c6", "#e0701f", "#17a07a", "#c2508f", "#b59400", "#5aa9d6", "#8b929b")
-# Place of a legend above titles of panels.
+# Position of a legend above the titles of panels.
 LEGEND_ON_TOP = {"y": 1.0, "yanchor": "top", "yref": "container"}
-# Axis of names, one below the other from the top.
+# Axis of names, listed from the top.
 DOWNWARDS = {"autorange": "reversed", "tickmode": "linear", "dtick": 1}
 
 _FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', sans-serif"
 _CLEAR = "rgba(0,0,0,0)"
-# Contrast of 4.5 on white and on the dark pages of notebooks.
+# Colours with a contrast of 4.5 on white and on the dark pages of notebooks.
 _TEXT, _LINE, _GRID = "#768390", "rgba(128,128,128,.5)", "rgba(128,128,128,.2)"
 
 
 def template(dark: bool) -> go.layout.Template:
-    """The page's template of figures, for a light or a dark background."""
+    """Template of a page's figures, for a light or a dark background."""
     text, line, grid = (
         ("#d7dce2", "#525b66", "#2c333b") if dark else ("#24292f", "#9aa3ad", "#e4e8ec")
     )
@@ -78,7 +78,7 @@ def label(text: str) -> str:
 
 
 def themed(figure: go.Figure) -> go.Figure:
-    """A copy for a notebook, for light and dark pages; no wider than its cell."""
+    """A copy for light and dark notebooks, no wider than its cell."""
     both = template(False)
     axis = {"gridcolor": _GRID, "linecolor": _LINE, "zerolinecolor": _LINE}
     both.layout.update(
@@ -93,7 +93,7 @@ def themed(figure: go.Figure) -> go.Figure:
 def stacked(
     titles: Sequence[str], height: float, spacing: float, time: str = "time [s]", **options: Any
 ) -> go.Figure:
-    """Panels one below the other, each with the title of its y axis, over one axis of time.
+    """Panels one below the other, each with the title of its y axis, over one time axis.
 
     Args:
         height: of all of them [px].
@@ -112,14 +112,14 @@ def stacked(
 def bars(
     names: Sequence[str], lengths: Sequence[float], title: str, height: int, **look: Any
 ) -> go.Figure:
-    """A horizontal bar for each name, from the top; `title` is of the lengths' axis."""
+    """A horizontal bar for each name, from the top; `title` is that of the axis of lengths."""
     bar = go.Bar(x=lengths, y=[label(name) for name in names], orientation="h", **look)
     axes = {"yaxis": DOWNWARDS, "xaxis": {"title": title, "rangemode": "tozero"}}
     return go.Figure(bar, axes | {"height": height, "margin": {"t": 20}, "bargap": 0.35})
 
 
 def one_legend(figure: go.Figure) -> go.Figure:
-    """Traces of one name in several panels as one entry of the legend."""
+    """The figure with one legend entry for all traces of a name in its panels."""
     names = set[str]()
     for trace in figure.data:
         trace.update(legendgroup=trace.name, showlegend=trace.name not in names)

@@ -1,4 +1,4 @@
-"""The verdict on a model in words, for page, terminal, notebook and studio."""
+"""The verdict on a model in words, for pages, terminal, notebook and studio."""
 
 import re
 from collections import Counter
@@ -16,13 +16,13 @@ from deltaid.view.corrections import corrected
 from deltaid.view.numbers import FEW, in_words, number, percent
 from deltaid.view.page import Section, Summary, Table, Text, Trust
 
-# Torque errors, rms as a share of the torque's own rms, of the worst drive. Feed-forward with a
-# twentieth left over is as good as drives' torque constants are known; where a sixth is left, as
-# much as friction or a load usually is, something is missing in the model.
+# Torque errors of the worst drive, rms as a share of the torque's own rms. A feed-forward error of
+# a twentieth is as small as the uncertainty of drives' torque constants; a sixth, as much as
+# friction or a load usually causes, means that the model lacks something.
 GOOD_WITHIN, FAIR_WITHIN = 0.05, 0.15
 _DOUBT = "Doubtful: "
 _ONLY = "only within"
-# Origin of the absolute scale where only torques are known in N m.
+# Warning on the absolute scale if only torques are known in N m.
 _SCALE = (
     "The absolute scale of masses and friction rests on the drives' torque constants: no known "
     "load, force plate or weighed body confirms it."
@@ -38,10 +38,9 @@ def summary(
     """The verdict on an identification or a model.
 
     Args:
-        of: the result of `identify`, or a model; one at its robot's prior too.
-        error: torque errors on another recording, as of `validate`; those that the model keeps
-            if None.
-        log: that recording, without which it counts as one that the model has not seen.
+        of: the result of `identify`, or a model, which may be a prior.
+        error: torque errors on another recording, as of `validate`; None for those in the model.
+        log: that recording; without it, it counts as unseen by the model.
     """
     model = load(of.model if isinstance(of, Identification) else of)
     known = model.identified
@@ -79,7 +78,7 @@ def summary(
 
 
 def without_doubts(said: Summary) -> Summary:
-    """The same without doubts, where all warnings are shown beside it."""
+    """The summary without doubts, for pages that show all warnings elsewhere."""
     return replace(said, lines=tuple(line for line in said.lines if not line.startswith(_DOUBT)))
 
 
@@ -124,7 +123,7 @@ def _within(model: Model, nrmse: Sequence[float] | np.ndarray) -> str:
 
 
 def _numbers(model: IdentifiedModel) -> str:
-    """Origin of the model's numbers, and whether any is at its bound."""
+    """Origin of the model's numbers, and how many are at their bounds."""
     kinds = Counter(parameter.determined_by for parameter in model.parameters)
     shared, measured = kinds["sum"], kinds["measured"]
     known, bound = kinds["data"] + shared + measured, kinds["limit"] + kinds["consistency"]
@@ -150,7 +149,7 @@ def _count(count: int, thing: str) -> str:
     return f"{in_words(count)} {thing}{'s' * (count != 1)}"
 
 
-# Largest gap to the certified bound, as a share of J, of an optimal fit.
+# Largest gap to the certified bound of an optimal fit, as a share of J.
 _ROUNDING = 1e-4
 
 

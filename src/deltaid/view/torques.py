@@ -20,7 +20,7 @@ def residual_blocks(c: TorqueComparison, drives: Drives) -> tuple[Figure, ...]:
 
 
 def over_time(c: TorqueComparison, drives: Drives) -> Figure:
-    """Measured and predicted torque, and below each the residual, with one time axis."""
+    """Measured and predicted torque, with the residual below each, over one time axis."""
     n = len(drives)
     figure = style.stacked(
         [t for drive, u in drives.items() for t in (f"{drive} [{u.force}]", "residual")],
@@ -182,7 +182,7 @@ def _efforts(drives: Drives) -> str:
 
 
 def grid(names: Sequence[str], height: int) -> go.Figure:
-    """Panels, two in a row and so high [px], below the legend."""
+    """Panels of this height [px], two per row, below the legend."""
     rows, apart = -(-len(names) // 2), {"horizontal_spacing": 0.12}
     figure = make_subplots(rows, 2, subplot_titles=names, vertical_spacing=0.3 / rows, **apart)
     figure.update_annotations(font_size=13)
@@ -199,8 +199,8 @@ def place(i: int) -> dict[str, int]:
 
 
 def _finished(figure: go.Figure, drives: Drives, x: str, y: str) -> go.Figure:
-    """Titles with each drive's units, at the outer axes only where all drives have the same; one
-    legend."""
+    """The figure with axis titles in each drive's units, at the outer axes only if all units are
+    equal, and with one legend."""
     alike = len(set(drives.values())) == 1
     for i, units in enumerate(drives.values()):
         if i + 2 >= len(drives) or not alike:

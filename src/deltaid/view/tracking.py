@@ -21,7 +21,7 @@ from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text,
 from deltaid.view.show import Card
 
 NO_MODEL = "no model"
-# Colours by model; others are models with a known load.
+# Colours by name of the model; other names are models with a known load.
 _COLOURS = {
     "": style.LIMIT,
     "prior": style.PRIOR,
@@ -48,8 +48,8 @@ def comparison_page(
 ) -> Page:
     """All controllers with all models on one plant; bandwidth in Hz.
 
-    Nothing is praised on a motion that the robot cannot run (`problems`), and no run that stood at
-    a limit or was far off.
+    The page recommends nothing on a motion that the robot cannot run (`problems`), and no run that
+    reached a limit or deviated far.
     """
     lines = dict[str, list[tuple[str, str, Tracking]]]()
     for run in runs:
@@ -317,12 +317,12 @@ def _over_time(
 
 
 def shown_length(robot: RobotDescription, drive: str) -> tuple[str, float]:
-    """Display unit of a drive's errors, and how many of it are a rad or m."""
+    """Displayed unit of a drive's errors, and its number in a rad or m."""
     return ("mm", 1e3) if robot.is_linear(drive) else ("°", np.rad2deg(1.0))
 
 
 def drive_figure(robot: RobotDescription, result: Tracking) -> Figure:
-    """q − q_d of each drive."""
+    """Position error q − q_d of each drive."""
     units = [shown_length(robot, drive) for drive in robot.drives]
     figure = _stack(robot, [unit for unit, _ in units])
     for i, (drive, (unit, scale)) in enumerate(zip(robot.drives, units, strict=True)):
@@ -332,7 +332,7 @@ def drive_figure(robot: RobotDescription, result: Tracking) -> Figure:
 
 
 def torque_figure(robot: RobotDescription, result: Tracking) -> Figure:
-    """Applied torques, with the drives' limits where they come close."""
+    """Applied torques, with the drives' limits if they come close."""
     units = [robot.units(drive).force for drive in robot.drives]
     figure, line = _stack(robot, units), {"color": style.LIMIT, "dash": "dot", "width": 1}
     for i, limit in enumerate(effort_limits(robot)):
@@ -362,6 +362,6 @@ def _line(figure: go.Figure, i: int, time: Signal, values: Signal, color: str, h
 
 
 def _peaks(time: Signal, values: Signal) -> dict[str, Float[np.ndarray, " shown"]]:
-    """At most `POINTS` samples: the largest of each stretch."""
+    """At most `POINTS` samples: the largest in magnitude of each stretch."""
     rows = peak_rows(np.abs(values), POINTS)
     return {"x": time[rows].astype(np.float32), "y": values[rows].astype(np.float32)}
