@@ -1,1 +1,1 @@
-"""The paper's examples, from excitation to figures, beside the paper's own numbers."""
+"""The paper's examples, from excitation to figures, compared with the paper's own numbers."""

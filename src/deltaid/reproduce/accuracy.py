@@ -1,5 +1,5 @@
-"""Accuracy of identified parameters against the truth in the controller's terms (Sec. VII), the
-paper's claims, and the dependence on the regularisation's weight γ_p/γ_τ."""
+"""Accuracy of identified parameters in the controller's terms (Sec. VII), the paper's claims, and
+the dependence on the regularisation's weight γ_p/γ_τ."""
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -51,8 +51,8 @@ class Accuracy:
         coriolis, acceleration, friction: of each drive's torque C q̇, M q̈ and f, relative to the
             largest true one of the same kind and drive.
         coefficients: relative errors of the friction coefficients, with sign.
-        definite: at how many samples M is positive definite, so that it has a Cholesky factor.
-        samples: how many there are.
+        definite: number of samples at which M is positive definite, so has a Cholesky factor.
+        samples: number of all samples.
     """
 
     mass: Float[np.ndarray, "dof dof"]
@@ -102,7 +102,7 @@ def motion_terms(dynamics: Dynamics, along: DriveMotion, p: Parameters) -> Motio
 
 
 def accuracy(dynamics: Dynamics, along: DriveMotion, truth: Parameters, p: Parameters) -> Accuracy:
-    """Errors of parameters p along a motion."""
+    """Errors of parameters p along a motion, relative to the truth."""
     true, own = motion_terms(dynamics, along, truth), motion_terms(dynamics, along, p)
     layout = dynamics.layout
     return Accuracy(
@@ -124,14 +124,14 @@ def _share(
 
 @dataclass(frozen=True)
 class Claim:
-    """A number of the paper.
+    """An error that the paper states.
 
     Attributes:
-        quantity: of what.
-        measure: what an `Accuracy` calls it.
+        quantity: in words.
+        measure: attribute of `Accuracy`.
         share: as a number.
-        words: as the paper has it.
-        place: where in Sec. VII.
+        words: as the paper writes it.
+        place: in Sec. VII.
     """
 
     quantity: str
@@ -141,7 +141,7 @@ class Claim:
     place: str
 
     def value_of(self, accuracy: Accuracy) -> float:
-        """The same quantity of a result here, the largest over all drives."""
+        """The same quantity of a result of this package, the largest over all drives."""
         return float(np.max(getattr(accuracy, self.measure)))
 
 
@@ -166,10 +166,10 @@ class SweepPoint:
 def sweep(
     objective: Objective, judge: Callable[[Vector], Accuracy], gammas: Iterable[float]
 ) -> tuple[SweepPoint, ...]:
-    """Fits of the same data and prior with other γ; those without a certified optimum are dropped.
+    """Fits of the same data and prior with each γ; those without a certified optimum are dropped.
 
     Args:
-        judge: how far free variables x are from the truth.
+        judge: accuracy of free variables x.
     """
     points = []
     for gamma in gammas:

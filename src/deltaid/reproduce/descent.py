@@ -1,7 +1,7 @@
-"""Minimisers of J(π): where the paper's one and three others stop, step by step.
+"""Minimisers of J(π): runs of the paper's one and of three others.
 
 J(π) of (15) has no bad local minimum, but where an exponential e^d tends to zero its gradient
-vanishes, and the iteration stalls. The paper starts at π(p_reg) with the small γ at once
+vanishes, and the iteration stalls. The paper starts at π(p_reg) directly with the small γ
 (Sec. VIII B) and does not name its solver, so three common ones start there: Newton with a trust
 region and exact Hessians, Levenberg–Marquardt on the residuals, and BFGS, which approximates the
 Hessian from gradients. The fourth relaxes the regulariser, like `estimation.log_cholesky`. The
@@ -32,17 +32,17 @@ _Visit = Callable[[Vector], None]
 
 @dataclass(frozen=True)
 class Descent:
-    """A run of one minimiser, one entry a step.
+    """A run of one minimiser, one entry per step.
 
     Attributes:
-        way: which method.
+        way: the method.
         seconds: since its start.
         objective: J.
         gradient: largest entry of |∇J| with respect to π.
         usual: the first step at which the gradient is below the usual tolerance; None if never.
-        at_usual, at_end: how far the parameters are from the truth there and at the last step.
-        smallest: the smallest exponential of the last step, relative to its value at the prior.
-        smallest_name: whose it is.
+        at_usual, at_end: accuracy of the parameters at that step and at the last one.
+        smallest: the smallest exponential at the last step, relative to its value at the prior.
+        smallest_name: its name.
         distance: of the last step from the global optimum, √Σ((x − x*)/scale)².
     """
 
@@ -76,8 +76,8 @@ def descend(
     """Run all minimisers on one objective with the paper's regulariser.
 
     Args:
-        judge: how far free variables x are from the truth.
-        iterations: after which each way ends.
+        judge: accuracy of free variables x.
+        iterations: largest number of steps of each method.
 
     Raises:
         IdentificationError: the conic program did not converge.
@@ -86,9 +86,7 @@ def descend(
     best = Conic().solve(objective)
     seconds = time.perf_counter() - began
     chart = LogCholeskyMap(objective.reduction)
-    chart.x(
-        chart.pi(objective.reduction.prior)
-    )  # builds the map in advance, which is no cost of a method
+    chart.x(chart.pi(objective.reduction.prior))  # builds the map in advance, at no method's cost
     ways = tuple(_watched(way, objective, chart, best, judge, iterations) for way in WAYS)
     return Descents(objective.gamma, best, seconds, ways)
 
@@ -108,7 +106,7 @@ def _watched(
         stamps.append(time.perf_counter() - began)
         path.append(np.array(pi))
 
-    with np.errstate(over="ignore", invalid="ignore"):  # rejected steps
+    with np.errstate(over="ignore", invalid="ignore"):  # by rejected steps
         _run(way, objective, chart, iterations, visit)
     problem = Unconstrained(objective, chart)
     gamma, reduction = objective.gamma, chart.reduction
@@ -162,7 +160,7 @@ def _levenberg_marquardt(
     still = np.zeros(chart.reduction.size)
 
     def slopes(pi: Vector) -> np.ndarray:
-        visit(pi)  # once a step: rejected steps need residuals only
+        visit(pi)  # once per accepted step: rejected ones need residuals only
         return L @ chart.derivatives(pi, still)[1]
 
     optimize.least_squares(

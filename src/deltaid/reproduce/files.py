@@ -1,7 +1,7 @@
 """Files of `deltaid reproduce`: descriptions, recordings, models and all numbers.
 
-The keys of results.json are explained in docs/results.md; all numbers are in SI units, shares are
-not per cent.
+docs/results.md explains the keys of results.json; all numbers are in SI units, and shares are not
+in per cent.
 """
 
 import json
@@ -28,7 +28,7 @@ from deltaid.reproduce.table_one import (
 from deltaid.robot.load import save_yaml
 
 RESULTS, REPORT = "results.json", "report.html"
-# Files of both examples, and those of the surrogate with their content.
+# Files of both examples, and those of the surrogate with a note on their content.
 SURROGATE_FILES = {
     REPORT: "tables and figures",
     RESULTS: "all numbers",
@@ -51,10 +51,10 @@ IRB360_FILES = (
 
 
 def require_folder(folder: Path, files: Iterable[str]) -> None:
-    """Raise before a long computation if the files of a folder cannot be written.
+    """Check before a long computation that the files of a folder can be written.
 
     Raises:
-        DeltaidError: one cannot.
+        DeltaidError: a file cannot be written.
     """
     for name in files:
         require_writable(folder / name)
@@ -92,7 +92,7 @@ def model_name(fit: SurrogateFit) -> str:
 
 
 def as_dictionary(result: Reproduction | Irb360) -> dict[str, Any]:
-    """All numbers of an example."""
+    """All numbers of an example, as results.json has them."""
     shared = {
         "seed": result.settings.seed,
         "torque_noise": result.settings.torque_noise,

@@ -1,9 +1,9 @@
 """Sec. VIII without the authors' recording: a stand-in robot, identified and verified.
 
-The stages: motions, fast to identify and slow to verify as in Sec. VIII C, and a second fast one;
-recordings of the stand-in, whose drive 4 has friction that no model here has; fits from both
-regularisations of Table I with the paper's friction law; base parameters; drive 4 retuned by hand
-as for Fig. 8; and the friction law chosen from the fast recording alone.
+The stages: motions, a fast one to identify and a slow one to verify as in Sec. VIII C, and a second
+fast one; recordings of the stand-in, whose drive 4 has friction that no model here has; fits from
+both regularisations of Table I with the paper's friction law; base parameters; drive 4 retuned by
+hand as for Fig. 8; and the friction law chosen from the fast recording alone.
 """
 
 import time
@@ -31,7 +31,7 @@ from deltaid.reproduce.table_one import RETUNED, ROBOT, prior_robot, slow, stand
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
-# Names of the candidates; the law is chosen with 'RG geom' as prior.
+# Names of the candidates; CHOSEN starts from the prior 'RG geom'.
 BASE, SIMPLE, GEOM, RETUNED_4, CHOSEN = (
     "base parameters", "ID simple", "ID geom", "ID geom, drive 4 retuned", "ID geom, law chosen"
 )  # fmt: skip
@@ -44,9 +44,9 @@ class Candidate:
     """Parameters to compare on the verification motions.
 
     Attributes:
-        robot: whose friction laws they belong to.
+        robot: with the friction laws of the parameters.
         p: the parameters.
-        model: where they come from; None for what is derived from another one.
+        model: their origin; None for parameters derived from another candidate.
     """
 
     robot: RobotDescription
@@ -56,11 +56,11 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Track:
-    """One verification motion as measured, through the filter, thinned to the rate it allows.
+    """One verification motion as measured, filtered and thinned to the rate that the filter allows.
 
     Attributes:
         time [s], speed [rad/s], measured [N m].
-        noise: what the true model leaves of the measured torques, root mean square [N m].
+        noise: residual of the true model, root mean square [N m].
         speed_max, acceleration_max: of drive 4 [rad/s, rad/s²].
         rms: root mean square of measured minus predicted torque, by candidate [N m].
         predicted: torques of each candidate [N m].
@@ -81,15 +81,15 @@ class Irb360:
     """Sec. VIII with a stand-in for the machine.
 
     Attributes:
-        settings: what was asked.
+        settings: of motions and recordings.
         dynamics, truth: of the stand-in.
         priors: by column of Table I.
         runs: the motions by name: identify, slow, fast.
         recordings: by file name.
-        candidates: what is compared, by name.
+        candidates: to be compared, by name.
         tracks: the verification motions: 'slow', as in Sec. VIII C, and 'fast', as fast as the
             identification.
-        seconds: for all of it.
+        seconds: duration of the whole computation.
     """
 
     settings: RecordingSettings
@@ -205,7 +205,7 @@ def _track(
     candidates: dict[str, Candidate],
     recording: PreparedRecording,
 ) -> Track:
-    """A verification motion. Filter h leaves σ ‖h‖ of white noise."""
+    """A verification motion. A filter h passes σ ‖h‖ of white noise of level σ."""
     dynamics, thinned = compiled(truth.robot), recording.filter.thinned
     tracked = {
         name: list(predict(compiled(candidate.robot), candidate.p, recording))

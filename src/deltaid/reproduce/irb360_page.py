@@ -73,7 +73,7 @@ def irb360_page(result: Irb360) -> Page:
 
 
 def rms_table(result: Irb360) -> Table:
-    """The paper's errors (slow motion) beside those of the stand-in, on both motions."""
+    """The paper's errors on the slow motion, and those of the stand-in on both motions."""
     paper = [
         ("the paper: base parameters", RMS_BASE),
         ("the paper: identified", RMS_IDENTIFIED),

@@ -1,9 +1,9 @@
 """Sec. VII from excitation to numbers: a robot with known parameters, identified from two priors.
 
 The stages: two optimised motions, one to identify and one to verify; recordings of both, without
-noise and as a drive would log them; fits from a regularisation below the truth (RG1) and one above
-it (RG2), by both solvers; their accuracy along both motions; where other minimisers of the paper's
-objective stop; and how all of it depends on γ.
+noise and with that of a drive; fits from a regularisation below the truth (RG1) and one above it
+(RG2), by both solvers; their accuracy along both motions; the ends of other minimisers of the
+paper's objective; and the dependence of all results on γ.
 """
 
 import time
@@ -42,7 +42,7 @@ from deltaid.reproduce.table_one import ABOVE, BELOW, ROBOT, nominal_robot, regu
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 
-# γ_p/γ_τ of the comparison of minimisers. The paper does not state its own.
+# γ_p/γ_τ for the comparison of minimisers; the paper does not state its own.
 DESCENT_GAMMA = 1e-10
 
 
@@ -52,11 +52,11 @@ class RecordingSettings:
 
     Attributes:
         seed: of motions, regularisations and noise.
-        starts: of each motion's optimisation.
-        harmonics, duration, repeats: of the motions, see `deltaid.ExcitationSettings`. With the
-            default ones a recording lasts about 40 s; in 10 s, friction and the small inertia of
-            the fourth drive drown in 2 % of noise.
-        torque_noise: of the noisy recordings, a share of each drive's largest torque.
+        starts: number of starts of each motion's optimisation.
+        harmonics, duration, repeats: of the motions, see `deltaid.ExcitationSettings`. By default a
+            recording lasts about 40 s; in 10 s, 2 % of noise hides friction and the small inertia
+            of the fourth drive.
+        torque_noise: of the noisy recordings, as a share of each drive's largest torque.
         rate: sampling rate [Hz].
     """
 
@@ -81,9 +81,9 @@ class SurrogateSettings(RecordingSettings):
 
     Attributes:
         methods: solvers of the fits; conic must be among them.
-        points: in pictures and in the sweep, over one period of the motion.
+        points: number of samples in figures and in the sweep, over one period of the motion.
         gammas: γ_p/γ_τ of the sweep.
-        iterations: of each of the other minimisers.
+        iterations: largest number of steps of each of the other minimisers.
     """
 
     methods: tuple[Method, ...] = ("conic", "log-cholesky")
@@ -105,18 +105,18 @@ QUICK = SurrogateSettings(
 
 @dataclass(frozen=True)
 class SurrogateFit:
-    """One identification and how far it is from the truth.
+    """One identification and its accuracy.
 
     Attributes:
         prior: 'RG1' or 'RG2'.
-        noisy: with noise.
-        method: which solver.
+        noisy: whether its recording has noise.
+        method: solver.
         identification: the result.
         seconds: from the file to the model.
         accuracy, verified: along the motion of the data, and along the other one.
-        terms: along one period of the motion, for pictures.
+        terms: along one period of the motion, for figures.
         sweep: accuracy over γ along that period, of certified fits.
-        descents: where other minimisers stop, of certified fits without noise.
+        descents: runs of other minimisers, of certified fits without noise.
     """
 
     prior: str
@@ -143,19 +143,19 @@ class SurrogateFit:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """Everything Sec. VII shows, and more.
+    """All results of Sec. VII, and additional ones.
 
     Attributes:
-        settings: what was asked for.
+        settings: of motions, recordings and fits.
         dynamics: of the robot whose prior is the truth.
         truth: its parameters.
         priors: the descriptions with RG1 and RG2.
         run, verification: the motions.
-        period: one period of the identification motion, for pictures.
+        period: one period of the identification motion, for figures.
         terms: the true terms along it.
         recordings: by file name.
         fits: the results.
-        seconds: of the whole.
+        seconds: duration of the whole computation.
     """
 
     settings: SurrogateSettings
@@ -172,7 +172,7 @@ class Reproduction:
 
     @property
     def free(self) -> Int[np.ndarray, " free"]:
-        """Free parameters with a truth other than zero."""
+        """Indices of free parameters whose truth is not zero."""
         reduction = self.fits[0].identification.problem.reduction
         return np.flatnonzero(np.any(reduction.A != 0, axis=1) & (self.truth != 0))
 
@@ -187,7 +187,7 @@ class Reproduction:
         return {fit.prior: fit.descents for fit in self.fits if fit.descents is not None}
 
     def fit(self, prior: str, *, noisy: bool) -> SurrogateFit:
-        """The certified fit."""
+        """The certified fit of a prior and a recording."""
         return next(f for f in self.certified if (f.prior, f.noisy) == (prior, noisy))
 
 
@@ -279,7 +279,7 @@ def _fits(result: Reproduction, progress: Progress) -> tuple[SurrogateFit, ...]:
 
 
 def _compared(result: Reproduction, fit: SurrogateFit, progress: Progress) -> SurrogateFit:
-    """A certified fit with those of other γ and, without noise, with other minimisers."""
+    """A certified fit with its sweep over γ and, without noise, with other minimisers."""
     objective, settings, descents = fit.identification.problem.objective, result.settings, None
 
     def judge(x: np.ndarray) -> Accuracy:

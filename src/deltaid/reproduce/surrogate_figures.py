@@ -1,4 +1,5 @@
-"""Figures 3 to 6 of the paper for our surrogate, the minimisers' runs, and the sweep over γ."""
+"""Figures 3 to 6 of the paper for the surrogate here, the minimisers' runs, and the sweep over
+γ."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -26,7 +27,8 @@ WAY_LABELS: dict[Way, tuple[str, str]] = {
 
 
 def parameters_figure(result: Reproduction) -> Figure:
-    """Fig. 3: regularisations and identified values of all free parameters, over the true ones."""
+    """Fig. 3: regularisations and identified values of all free parameters, relative to the
+    truth."""
     free = result.free
     names, truth = [result.dynamics.layout.names[i] for i in free], result.truth[free]
     figure = go.Figure()
@@ -100,7 +102,7 @@ def mass_figure(result: Reproduction) -> Figure:
 def torque_figure(
     result: Reproduction, of: Callable[[MotionTerms], np.ndarray], caption: str
 ) -> Figure:
-    """Figs. 5 and 6: one term of (1) over one period, and its difference to the nominal one."""
+    """Figs. 5 and 6: one term of (1) over one period, and its difference from the nominal one."""
     drives = result.dynamics.robot.drives
     figure = _panels(
         len(drives),
@@ -269,7 +271,7 @@ def _line(
 
 
 def _panels(rows: int, titles: Sequence[str], height: int, **apart: Any) -> go.Figure:
-    """Panels, two in a row, below a legend that stands above their titles."""
+    """Panels, two per row, with a legend above their titles."""
     figure = make_subplots(rows=rows, cols=2, subplot_titles=titles, **apart)
     figure.update_annotations(font_size=12)
     return figure.update_layout(height=height, legend=style.LEGEND_ON_TOP, margin={"t": 115})

@@ -1,4 +1,4 @@
-"""The page of `reproduce surrogate`: the paper's numbers and figures of Sec. VII beside the results
+"""The page of `reproduce surrogate`: numbers and figures of Sec. VII, compared with the results
 here."""
 
 import numpy as np
@@ -20,7 +20,7 @@ from deltaid.view.page import Fact, Page, Section, Table, Text
 
 Rows = tuple[tuple[str, ...], ...]
 
-# Measures of an `Accuracy` in tables of all fits, and of where methods end.
+# Measures of an `Accuracy` in tables of all fits, and in the table of other minimisers.
 _ALL = (
     "mass_diagonal", "mass_off_diagonal", "coriolis", "acceleration", "friction",
     "friction_coefficients",
@@ -58,7 +58,7 @@ def surrogate_page(result: Reproduction) -> Page:
 
 
 def comparison_table(result: Reproduction) -> Table:
-    """The paper's numbers beside those of the certified fits, the largest of all drives."""
+    """The paper's numbers and those of the certified fits, each the largest of all drives."""
     return Table(
         ("largest error", "the paper", *(_name(fit) for fit in result.certified)),
         tuple(
@@ -299,7 +299,7 @@ def _sweep_text(result: Reproduction) -> Text:
         noisy: result.fit("RG2", noisy=noisy).identification.model.fit.gamma
         for noisy in (False, True)
     }
-    off = {  # γ with the paper's error on the diagonal of M
+    off = {  # γ whose error on the diagonal of M exceeds the paper's
         prior: [
             point.gamma
             for point in result.fit(prior, noisy=False).sweep

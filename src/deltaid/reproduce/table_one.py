@@ -1,16 +1,16 @@
-"""The paper's robots: Table I and Sec. VIII as priors and a stand-in for the machine that it
-measured; the true ("nominal") parameters of Sec. VII and regularisations below and above them.
+"""The paper's robots: Table I and Sec. VIII as priors and as a stand-in for the measured machine;
+the true ("nominal") parameters of Sec. VII and regularisations below and above them.
 
-The paper prints two regularisations, RG simple and RG geom, and what it identified from each. Its
-recording is not published. The stand-in here has the values identified from RG geom as its truth,
-so that everything the paper did with the machine can be done again and compared with a truth.
+The paper prints two regularisations, RG simple and RG geom, and the values identified from each. It
+does not publish its recording. The truth of the stand-in is the paper's result from RG geom, so
+everything that the paper did with the machine can be repeated and compared with a truth.
 
 By Sec. VI the rows `mc_y` of the upper arm and `mc_x` of the telescope are mc_x and mc_z.
 
-Of its nominal bodies the paper prints only the bars of Fig. 3. Those here are near the values that
-it identified for the real robot (Table I, columns ID), each body physically consistent and without
-a symmetry that its reduction does not ask for. Friction is the paper's for the drives (Sec. VII);
-for the telescope's slide, of which Sec. VII gives no value, it is that of Sec. VIII B.
+Of its nominal bodies the paper prints only the bars of Fig. 3. Those here are near its values for
+the real robot (Table I, columns ID), each body physically consistent and without a symmetry that
+its reduction does not require. Friction of the drives is the paper's (Sec. VII); for the
+telescope's slide, which Sec. VII does not mention, it is that of Sec. VIII B.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ from deltaid.robot.inertia import INERTIA_NAMES, RigidBody
 ROBOT = "irb360-6-1600"
 COLUMNS = ("RG simple", "ID simple", "RG geom", "ID geom")
 
-# Parameter: the four columns of Table I, in SI units.
+# Values of the four columns of Table I, by parameter, in SI units.
 TABLE = {
     "U.mcx": (0.250, 0.128, 0.101, 0.091),
     "U.mcz": (0.000, -0.090, 0.000, 0.009),
@@ -47,13 +47,13 @@ TABLE = {
     "TL.Iyy": (0.122, 0.141, 0.122, 0.126),
     "TL.Izz": (78.000e-6, 0.010e-6, 78.000e-6, 1.151e-6),
 }
-# Entries that the text of Sec. VIII A determines from lengths, radii and masses.
+# Entries that Sec. VIII A derives from lengths, radii and masses.
 DETERMINED = (
     "TU.m", "TU.mcz", "TU.Ixx", "TU.Iyy", "TU.Izz",
     "TL.m", "TL.mcz", "TL.Ixx", "TL.Iyy", "TL.Izz",
 )  # fmt: skip
 
-# Sec. VIII B: viscous and Coulomb friction.
+# Viscous and Coulomb friction, Sec. VIII B [N m s/rad, N m; slide: N s/m, N].
 FRICTION = {
     "drive1": (1.576, 4.659),
     "drive2": (1.667, 4.644),
@@ -61,9 +61,9 @@ FRICTION = {
     "drive4": (0.019, 0.807),
     "slide": (4.08, 5.36),
 }
-# The lumped inertia of the fourth motor [kg m²].
+# Lumped inertia of the fourth motor [kg m²].
 ROTOR = 2.87e-3
-# What the text changes of drive 4 for Fig. 8: viscous times five, Coulomb times 0.75.
+# Factors on friction of drive 4 for Fig. 8: viscous and Coulomb.
 RETUNED = (5.0, 0.75)
 
 # Root mean square torque errors on the verification motion, captions of Figs. 7 and 8 [N m].
@@ -75,26 +75,28 @@ RMS_RETUNED = 0.15
 # Speeds and accelerations of drive 4, Sec. VIII C [°/s, °/s²].
 FAST, SLOW = (2760.0, 13.8e3), (175.0, 500.0)
 
-# The upper arm's mass, which Table I lacks: it shows in no torque, as the platform only translates.
+# The upper arm's mass [kg], which Table I lacks: the arm turns about a fixed axis, so torques do
+# not depend on it.
 _ARM_MASS = 1.0
 
 
-# Friction of drive 4 at rest [N m], its rise [N m] and the speed of that [rad/s]: such that a fit
-# at the speeds of the paper's identification gives about its coefficients (0.019, 0.807), and one
-# at the speeds of its verification about those that it retuned by hand (five and 0.75 times).
+# Friction of drive 4 at rest [N m], its rise [N m] and the speed of the rise [rad/s]. A fit at the
+# speeds of the paper's identification gives about its coefficients (0.019, 0.807), one at the
+# speeds of its verification about those that the paper retuned by hand (times 5 and 0.75).
 REST, RISE, SPEED = 0.605, 0.32, 3.0
 
 
 def drive_4_friction(v: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
-    """Friction of drive 4 at speeds v [rad/s], which is in no model class of this package [N m].
+    """Friction of drive 4 at speeds v [rad/s], which no model of this package can represent [N m].
 
-    The rate-activated (Eyring) form of a sheared lubricant film, s (f_0 + f_1 asinh(|v|/v_0)).
+    It has the rate-activated (Eyring) form of a sheared lubricant film, s (f_0 + f_1
+    asinh(|v|/v_0)).
     """
     return np.sign(v) * (REST + RISE * np.arcsinh(np.abs(v) / SPEED))
 
 
 def unmodelled(qd: Samples) -> Samples:
-    """Torques of all drives that no model covers, of drive 4 only [N m]."""
+    """Torques of all drives that no model represents [N m]; only those of drive 4 are not zero."""
     tau = np.zeros_like(qd)
     tau[:, 3] = drive_4_friction(qd[:, 3])
     return tau
@@ -103,7 +105,7 @@ def unmodelled(qd: Samples) -> Samples:
 def prior_robot(robot: RobotDescription, column: str) -> RobotDescription:
     """The catalogue's robot with a column of Table I as its prior, and its tool known (Sec. VI f).
 
-    'RG simple' is the catalogue's own, made of shapes. The other columns are the paper's numbers.
+    'RG simple' is the catalogue's own prior, made of shapes; other columns are the paper's numbers.
     """
     bodies = dict(robot.bodies)
     if column != "RG simple":
@@ -114,9 +116,10 @@ def prior_robot(robot: RobotDescription, column: str) -> RobotDescription:
 
 
 def stand_in(robot: RobotDescription) -> RobotDescription:
-    """The robot whose prior is the stand-in's truth; of drive 4 without `drive_4_friction`.
+    """The robot whose prior is the stand-in's truth, without `drive_4_friction`.
 
-    Its two coefficients are next to nothing, because a description's friction is positive.
+    Friction of drive 4 is almost zero instead, because a description's coefficients must be
+    positive.
     """
     truth = prior_robot(robot, "ID geom")
     laws = {j: Friction(viscous=v, coulomb=c) for j, (v, c) in FRICTION.items()}
@@ -134,14 +137,14 @@ def slow(robot: RobotDescription) -> RobotDescription:
 
 
 def _body(robot: RobotDescription, name: str, column: str) -> Body:
-    """A body with the entries of a column; missing ones as in the catalogue."""
+    """A body with the entries of a column; those missing there are the catalogue's."""
     p, at = robot.bodies[name].reduced_prior(), COLUMNS.index(column)
     for k, entry in enumerate(INERTIA_NAMES):
         if f"{name}.{entry}" in TABLE:
             p[k] = TABLE[f"{name}.{entry}"][at]
     if name == "U":
         p[0] = _ARM_MASS
-        p[4], p[6] = 2e-3, p[5]  # moments about x and z show in no torque
+        p[4], p[6] = 2e-3, p[5]  # moments about x and z that torques do not show
     if name == "P":
         p[4:7] *= p[0] / robot.bodies[name].reduced_prior()[0]
     return robot.bodies[name].changed(prior=ExplicitInertia.from_parameters(p))
@@ -164,12 +167,12 @@ _FRICTION = {
     "drive4": (0.5, 1.0),
     "slide": FRICTION["slide"],
 }
-# Shares of the truth between which the regularisations lie.
+# Ranges of the regularisations relative to the truth.
 BELOW, ABOVE = (0.6, 0.8), (1.25, 1.6)
 
 
 def nominal_robot(robot: RobotDescription) -> RobotDescription:
-    """The catalogue's robot with the nominal parameters as its prior: the truth."""
+    """The catalogue's robot with the nominal parameters, the truth, as its prior."""
     return robot.changed(
         name=f"{robot.name}-nominal",
         bodies={
@@ -189,10 +192,11 @@ def nominal_robot(robot: RobotDescription) -> RobotDescription:
 def regularisation(
     nominal: RobotDescription, name: str, share: tuple[float, float], rng: np.random.Generator
 ) -> RobotDescription:
-    """The same robot with a prior of which every entry is a share of the truth between two bounds.
+    """The robot with a prior whose entries are the true ones times random factors within two
+    bounds.
 
-    Each body's pseudo-inertia matrix becomes G M̄ G with a random diagonal G, so it stays consistent
-    and its entries do not keep their proportions.
+    Each body's pseudo-inertia matrix becomes G M̄ G with a random diagonal G, so it stays
+    consistent while the proportions of its entries change.
     """
     bodies = {}
     for body, given in nominal.bodies.items():
