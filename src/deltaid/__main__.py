@@ -5,5 +5,5 @@ import sys
 from deltaid.cli import main
 
 if __name__ == "__main__":
-    sys.argv[0] = "deltaid"  # the command that pages say they were made by
+    sys.argv[0] = "deltaid"  # pages show this command as their origin
     main()

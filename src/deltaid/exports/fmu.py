@@ -85,7 +85,7 @@ class Variables:
 
     @property
     def all(self) -> tuple[FmuVariable, ...]:
-        """All groups, concatenated."""
+        """The variables of all groups, concatenated."""
         return tuple(variable for group in self.groups.values() for variable in group)
 
     @property

@@ -44,7 +44,7 @@ class Output:
 
     @property
     def size(self) -> int:
-        """Number of entries."""
+        """Number of the output's entries."""
         return self.value.numel()
 
 

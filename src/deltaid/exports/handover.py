@@ -18,7 +18,7 @@ from deltaid.model.model import Model
 # largest condition of the Jacobian.
 _COUNT, _SHARE, _CONDITION = 100, 0.7, 30.0
 States = Float[np.ndarray, "states dof"]
-# Largest speeds and accelerations [rad/s, rad/s² or m/s, m/s²].
+# Largest speeds and accelerations of the vectors [rad/s, rad/s² or m/s, m/s²].
 _SPEED, _ACCELERATION = 2.0, 10.0
 
 

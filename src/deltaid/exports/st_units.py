@@ -68,7 +68,7 @@ class Unit:
 
     @property
     def kind(self) -> str:
-        """FUNCTION or FUNCTION_BLOCK."""
+        """Keyword of the unit: FUNCTION or FUNCTION_BLOCK."""
         return "FUNCTION" if self.result else "FUNCTION_BLOCK"
 
     @property

@@ -119,8 +119,8 @@ def worst_cases(forces: ConstraintForces, extreme: Extremes) -> tuple[Worst, ...
     return (*cases, *(extreme.worst(x, "load", x) for x in loads if not x.endswith(".drive")))
 
 
-# Least spacing of struts [m], far below any joint (their length limits it above); limits of spring
-# forces [N], which only exclude wrong units.
+# Least spacing of struts [m], whose length is the upper limit; limits of spring forces [N], wide
+# enough for any robot.
 _NEAREST, _SPRINGS = 1e-6, (1e-6, 1e7)
 
 _WITHOUT_LOADS = Doubt(

@@ -248,7 +248,7 @@ class HasModel(Protocol):
 
     @property
     def model(self) -> IdentifiedModel:
-        """The identified model."""
+        """The identified model of a result."""
         ...
 
 

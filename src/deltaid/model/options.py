@@ -23,7 +23,7 @@ SAMPLES_LIMITS, TOLERANCE_LIMITS = (1.0, 1e5), (0.0, 0.3)
 
 
 def lag_of(text: str) -> LagChoice | tuple[float, ...]:
-    """Value of `--lag`: a word, or lags in milliseconds as seconds."""
+    """Value of `--lag`: a word, or lags in s from a text in milliseconds."""
     words: dict[str, LagChoice] = {"estimate": "estimate", "none": "none"}
     if (word := text.strip()) in words:
         return words[word]

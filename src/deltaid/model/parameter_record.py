@@ -57,7 +57,7 @@ class Parameter(Part):
       and consistency leave open;
     - 'consistency' for entries that no torque determines and that were increased to keep their body
       consistent. They are lower bounds; standard deviation and interval are those of the prior;
-    - 'fixed' for entries that torques would determine but the reduction holds at the prior (± 0);
+    - 'fixed' for entries that affect torques but that the reduction holds at the prior (± 0);
     - 'structure' for entries that the reduction holds at zero.
 
     Intervals of parameters that must be positive end at zero. Models of earlier versions lack `low`
@@ -155,8 +155,9 @@ class FrictionTrial(Part):
     """One joint's friction law with one more term.
 
     Attributes:
-        joint, addition: what was tried: 'offset', 'both_ways' (a law for each direction), 'power',
-            'stribeck' or 'load'; for a term that is already described, other constants of it.
+        joint, addition: a joint, and the term tried for it: 'offset', 'both_ways' (a law for each
+            direction), 'power', 'stribeck' or 'load'; for a term that is already described, other
+            constants of it.
         error: remaining torque error, as a share of the largest torque, root mean square over all
             drives.
         gain: relative decrease of the squared error against the law before.

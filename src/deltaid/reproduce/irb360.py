@@ -104,7 +104,7 @@ class Irb360:
 
     @property
     def models(self) -> dict[str, IdentifiedModel]:
-        """The identified candidates."""
+        """The identified models among the candidates."""
         return {name: c.model for name, c in self.candidates.items() if c.model is not None}
 
 

@@ -69,7 +69,7 @@ RETUNED = (5.0, 0.75)
 # Root mean square torque errors on the verification motion, captions of Figs. 7 and 8 [N m].
 RMS_BASE = (2.0, 1.8, 2.2, 0.25)
 RMS_IDENTIFIED = (2.0, 1.7, 2.2, 0.20)
-# The same of drive 4 after manual retuning [N m].
+# That of drive 4 after manual retuning [N m].
 RMS_RETUNED = 0.15
 
 # Speeds and accelerations of drive 4, Sec. VIII C [°/s, °/s²].

@@ -246,7 +246,7 @@ class MinMax:
         return float(max(self._ends[-1] - self._ends[0], 0.0)) if self._ends else 0.0
 
     def add(self, time: Float[np.ndarray, " rows"], values: Float[np.ndarray, "rows _"]) -> None:
-        """Add consecutive rows."""
+        """Add consecutive rows of all curves."""
         self.rows += len(time)
         self._ends += time[[0, -1]].tolist() if len(time) else []
         if self._span is not None:

@@ -45,7 +45,7 @@ class View:
 
 
 def home_view(robot: AtRest) -> View:
-    """The robot at home."""
+    """The view of the robot at home."""
     return _standing(robot, robot.home)
 
 

@@ -31,7 +31,7 @@ class _Label:
 
 
 def drawing(robot: RobotDescription, kinematics: Kinematics) -> Drawing:
-    """A robot in the middle of its workspace, seen from the side and slightly from above."""
+    """A robot in the middle of its workspace, seen from slightly above."""
     skeleton = Skeleton(robot, kinematics.mechanism)
     bodies, drawn = [segment.body for segment in skeleton.segments], members(skeleton.bodies)
     flat, depth = _projected(skeleton.evaluate(robot.within(0.0)[0][None])[0])
@@ -72,8 +72,8 @@ def _projected(
 def _labels(
     bodies: Sequence[str], flat: Float[np.ndarray, "segments 2 2"]
 ) -> tuple[list[_Label], list[_Label]]:
-    """One name a body, beside its longest parts, outside of the robot, from the top, evenly left
-    and right."""
+    """One name per body, beside its longest parts and outside of the robot, on alternating sides,
+    each sorted from the top."""
     sides = list[_Label](), list[_Label]()
     for body in dict.fromkeys(bodies):
         own = flat[np.array(bodies) == body]

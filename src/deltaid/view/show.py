@@ -28,8 +28,8 @@ _OTHER = "#57606a"
 _WRITTEN, _CHARACTERS = 16, 60
 
 
-# Class, by its module: name of the functions' kind, and the modules of its card and frame, and of
-# its figure and page. A function is 'run_card', for example, here or in a room above this one.
+# For each class, by its module: the prefix of its functions, such as 'run' in 'run_card'; the
+# module of its card and frame, and that of its figure and page, in this room or in one above.
 _KINDS = {
     "calibration.calibrate.Calibration": ("calibration", "calibration", "calibration"),
     "model.verdict.Verdict": ("verdicts", "check", "check"),
