@@ -170,7 +170,7 @@ def positive(
 
 
 def within(option: str, value: float, limits: tuple[float, float]) -> None:
-    """Refuse a value that is no number or outside the limits.
+    """Refuse a value that is no number or is outside the limits.
 
     Raises:
         DeltaidError: the value is not of this kind.

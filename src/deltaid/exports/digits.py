@@ -158,8 +158,7 @@ class _RoundedStep:
 def _evaluated(
     f: ca.Function, states: Sequence[Float[np.ndarray, "_ states"]]
 ) -> tuple[list[_RoundedStep], dict[int, int]]:
-    """All instructions of a graph with their values, and which one computes each entry of the
-    output."""
+    """All instructions of a graph with values, and the one behind each entry of the output."""
     steps, writer, out = list[_RoundedStep](), dict[int, int](), dict[int, int]()
     for k, (op, read, to, constant) in enumerate(steps_of(f)):
         value = rounding = np.zeros(states[0].shape[1])

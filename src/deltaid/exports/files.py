@@ -183,8 +183,9 @@ def export(
         fmi: version of the FMI standard.
         progress: a function that is called with each stage; True or False to show it or not.
 
-    Raises: DeltaidError: the target or a function does not exist, the target cannot represent the
-    model, or a file cannot be written.
+    Raises:
+        DeltaidError: the target or a function does not exist, the target cannot represent the
+            model, or a file cannot be written.
     """
     if str(to) not in TARGETS:
         raise unknown(to, TARGETS, "target", "export")

@@ -102,7 +102,8 @@ class Samples(Shown, Plotted, Tabled):
         """Write a new folder with one MJCF file for each model, and index.csv with their
         parameters.
 
-        Raises: DeltaidError: the folder exists or cannot be written, or MJCF cannot represent the
-        robot.
+        Raises:
+            DeltaidError: the folder exists or cannot be written, or MJCF cannot represent the
+                robot.
         """
         return above("exports.mjcf", "write_ensemble")(self, folder)

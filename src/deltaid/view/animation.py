@@ -153,7 +153,7 @@ def fix_scene(
     )
 
 
-_POINTS = 240  # on a sphere's surface
+_POINTS = 240  # number on a sphere's surface
 _GOLDEN = np.pi * (3 - np.sqrt(5))
 
 

@@ -127,8 +127,7 @@ def _summary(calibration: Calibration) -> Summary:
 
 
 def calibration_frame(calibration: Calibration) -> pl.DataFrame:
-    """Numbers, one per row: value, standard deviation after and before [m, rad or share],
-    source."""
+    """Numbers, one per row: value, deviation after and before [m, rad or share], source."""
     return pl.DataFrame(
         {
             "number": list(calibration.names),

@@ -135,7 +135,7 @@ def _over_time(study: Forces) -> Figure:
             x=time[:, k].astype(np.float32),
             y=along[:, k].astype(np.float32),
             name=strut,
-            showlegend=each > 1,  # a single strut is named by the axis
+            showlegend=each > 1,  # the axis names a single strut
             mode="lines",
             line={"color": style.SERIES[k % each], "width": 1.2},
             hovertemplate=f"{strut} %{{y:.4g}} N at %{{x:.4g}} s<extra></extra>",

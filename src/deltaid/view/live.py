@@ -26,7 +26,7 @@ DEFAULT_PORT = 8080
 _FROM = np.array([1.3, 1.0, 0.35])
 # Number of sides of a cylinder, enough to look round.
 _SIDES = 16
-# Factor on a colour's brightness, because the lamps brighten it.
+# Factor on the brightness of colours, which the lamps would bleach.
 _SHADE = 0.7
 
 
