@@ -16,19 +16,19 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.platform import H4Platform, RigidPlatform
 
-# Assumed range of a drive about home where none is described, and the least distance of its limb's
-# angles to the jump at ±180° [rad].
+# Range of a drive to either side of home where none is described, and the largest angle for which
+# its coordinate keeps the jump at ±180° [rad].
 _QUARTER, _CLEAR = np.deg2rad(90.0), np.deg2rad(170.0)
 
 
 def build_mechanism(robot: RobotDescription, growth: LengthGrowth | None = None) -> Mechanism:
     """The mechanism of a described robot.
 
-    With `growth`, z, q and the motion of all bodies are those of lengths that exceed the described
-    ones by its symbols; what is for one robot at rest (reach, closure, forward kinematics) is not.
+    With `growth`, all lengths in q(z) and in the motion of bodies exceed the described ones by its
+    symbols; `closure` and `modes` do not include all of them, and `forward` is None.
 
     Raises:
-        DescriptionError: the function of a mechanism of the user's own fails.
+        DescriptionError: the function of a user-defined mechanism fails.
     """
     if robot.mechanism is not None:
         return build_own(robot, robot.mechanism)
@@ -90,8 +90,8 @@ def build_mechanism(robot: RobotDescription, growth: LengthGrowth | None = None)
 def _middle(robot: RobotDescription, i: int, z: ca.SX, point: ca.SX) -> float | None:
     """Centre of the continuous range of a rotary drive's angle [rad]; None for a rail.
 
-    Zero where that keeps the jump at ±180° away from where the limb works: from its described
-    range, else from a quarter of a turn to either side of its home pose.
+    Zero if the drive's range keeps away from ±180°, else the middle of this range, by default a
+    quarter of a turn to either side of the home pose.
     """
     if robot.is_linear(robot.drives[i]):
         return None
@@ -104,7 +104,7 @@ def _middle(robot: RobotDescription, i: int, z: ca.SX, point: ca.SX) -> float | 
 def _loops(
     limbs: tuple[LimbMotion, ...], platform: PlatformParts, z: Path
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """A, B and c of the closed loops; a drive of the tool alone is the last entry of z."""
+    """A, B and c of the closed loops; the coordinate of a drive that only turns the tool is ψ."""
     n, dof = len(limbs), z.at.numel()
     A, B, c = ca.SX(dof, dof), ca.SX.eye(dof), ca.SX(dof, 1)
     for i, (limb, point) in enumerate(zip(limbs, platform.points, strict=True)):
@@ -133,7 +133,7 @@ def _hold(robot: RobotDescription, limbs: tuple[LimbMotion, ...]) -> ca.SX:
     """Axes n = x_S × y_L (unit vectors, world): a parallelogram prevents rotation about its normal.
 
     Parts that joints keep parallel share all three rotations. The side bars of an H4 hang on a
-    middle bar that turns about z, so each has a rotation about z of its own.
+    middle bar that turns about z, so each may turn about z independently.
     """
     rows = []
     for i, limb in enumerate(limbs):
@@ -147,7 +147,8 @@ def _hold(robot: RobotDescription, limbs: tuple[LimbMotion, ...]) -> ca.SX:
 
 
 def _closed_form(robot: RobotDescription, task: tuple[ca.SX, ca.SX], q: ca.SX) -> ClosedForm | None:
-    """Intersection of three spheres, on the side of the elbows of the home pose."""
+    """Intersection of three spheres, on the home pose's side of the elbows; None where it does not
+    apply."""
     geometry = robot.limb_geometry
     if not isinstance(robot.platform, RigidPlatform) or len(geometry) != 3:
         return None

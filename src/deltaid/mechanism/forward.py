@@ -34,15 +34,15 @@ Samples = Float[np.ndarray, "samples dof"]
 
 # Samples between anchors, which are reached from home; the others start at their anchor.
 _STRIDE = 32
-# Coarse and fine steps from home, and Newton iterations at each step and at the end.
+# Numbers of coarse and fine steps from home, and of Newton iterations at each step and at the end.
 COARSE, _FINE, ON_THE_WAY, AT_THE_END = 6, 60, 2, 8
-# Most rounds in which solved samples start their unsolved neighbours.
+# Largest number of rounds in which solved samples start their unsolved neighbours.
 _HANDED_ON = 4
 # Residual [m, rad] below which the loops are closed, and distance to the edge of its reach within
 # which a limb is stretched: far above rounding, far below any length.
 CLOSED = 1e-12
-# Mode margin [m] of the other working mode: closer to the stretched limb the pose is singular, and
-# rounding decides.
+# A limb is in its other working mode where its mode margin [m] is below minus this; closer to the
+# stretched, singular pose rounding decides the sign.
 OTHER_MODE = 1e-9
 
 
@@ -51,11 +51,11 @@ class Forward:
     """Task coordinates of drive coordinates, with the state of each sample.
 
     Attributes:
-        z: NaN where no pose was found.
+        z: task coordinates; NaN where no pose was found.
         closed: whether the loops close.
         in_mode: whether all limbs are in their described working mode, on the home pose's branch.
-        gap: strut length missing for the loops to close [m]; NaN where that is not known.
-        limb: a limb in its other working mode; −1 if none is, of a pose beyond a singularity too.
+        gap: strut length missing for the loops to close [m]; NaN where it is not known.
+        limb: index of a limb in its other working mode, or −1; also −1 beyond a singularity.
     """
 
     z: Samples
@@ -70,7 +70,7 @@ class Forward:
         return self.closed & self.in_mode
 
     def missing(self, i: int) -> str:
-        """How far the loops of sample i are from closing, as the end of a sentence."""
+        """Strut length that sample i lacks, as the end of a sentence; empty if it is not known."""
         if not np.isfinite(self.gap[i]):
             return ""
         return (
@@ -79,10 +79,10 @@ class Forward:
 
 
 class NewtonForward:
-    """z(q) of a mechanism near a home pose.
+    """Forward kinematics z(q) of a mechanism by Newton's method from a home pose.
 
     Args:
-        home: a regular pose in the described working mode, z.
+        home: a regular pose z in the described working mode.
 
     Raises:
         KinematicsError: the home pose is out of reach.
@@ -175,7 +175,7 @@ ForwardKinematics = Callable[[Samples], Forward]
 
 
 def forward_kinematics(mechanism: Mechanism, home: Float[np.ndarray, " dof"]) -> ForwardKinematics:
-    """The forward kinematics of a mechanism.
+    """The forward kinematics of a mechanism, in closed form where possible.
 
     Args:
         home: a regular pose z in the described working mode, from which iteration starts.

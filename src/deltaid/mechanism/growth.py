@@ -1,8 +1,8 @@
-"""Deviations of a robot's lengths from the described ones, as symbols of a graph.
+"""Deviations of a robot's lengths from the description, as CasADi symbols.
 
-Torques and drive coordinates as functions of these are what a tolerance of a length goes through.
-Only distances between joints count: a drive that stands further out does the same to all motion and
-torques as a joint of the platform that stands further in.
+Derivatives by these symbols turn tolerances of lengths into errors of torques and drive
+coordinates. Only distances between joints matter: moving a drive outwards has the same effect as
+moving its limb's platform joint inwards.
 """
 
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ class LimbGrowth:
     """Deviations of one limb [m].
 
     Attributes:
-        seat: how much further out its joint of the platform stands, along x of the limb's frame.
-        arm: of the upper arm; nothing that counts with a linear drive.
+        seat: outward shift of its platform joint, along x of the limb's frame.
+        arm: of the upper arm; without effect for a linear drive.
         strut: of the struts.
-        place: how much further its joint of the platform stands along y and z of that frame.
-        turn: by which that frame turns about its axes, through the base point [rad].
+        place: shift of its platform joint along y and z of that frame; None without mounting.
+        turn: rotation of that frame about its axes, at the base point [rad]; None without mounting.
     """
 
     seat: ca.SX
@@ -37,9 +37,9 @@ class LengthGrowth:
     """Deviations of all lengths [m].
 
     Attributes:
-        symbols: seat, arm and strut of limb after limb, half of the platform, telescope; behind
-            them those of how limbs are mounted, or none.
-        count: of limbs.
+        symbols: seat, arm and strut of each limb, `half` of the platform, `telescope`; then those
+            of the limbs' mounting, if any.
+        count: number of limbs.
     """
 
     symbols: ca.SX
@@ -47,7 +47,7 @@ class LengthGrowth:
 
     @classmethod
     def named(cls, limbs: int, mounted: bool = False) -> "LengthGrowth":
-        """New symbols for so many limbs, with or without those of their mounting."""
+        """New symbols for a number of limbs, with or without those of their mounting."""
         return cls(ca.SX.sym("grown", 3 * limbs + 2 + (5 * limbs if mounted else 0)), limbs)
 
     def limb(self, i: int) -> LimbGrowth:
@@ -60,7 +60,7 @@ class LengthGrowth:
 
     @property
     def half(self) -> ca.SX:
-        """Deviation of half the distance of the platform's parts, where it is given."""
+        """Deviation of half the distance between the platform's parts."""
         return self.symbols[3 * self.count]
 
     @property
@@ -70,14 +70,14 @@ class LengthGrowth:
 
 
 def mounting_symbols(limb: int, limbs: int) -> tuple[list[int], list[int]]:
-    """Indices of the symbols of a limb's mounting (limb from 0, of so many): those that move its
-    platform joint along x, y, z of its frame, and those that turn the frame about them."""
+    """Indices of the symbols of a limb's mounting (limbs count from 0): shifts of its platform
+    joint along x, y, z of the limb's frame, and rotations of the frame about them."""
     first = 3 * limbs + 2 + 5 * limb
     return [3 * limb, first, first + 1], [first + 2, first + 3, first + 4]
 
 
 def grown_by(robot: RobotDescription) -> dict[str, tuple[int, ...]]:
-    """Indices of the symbols of each kind of length, one a limb or one for all."""
+    """Indices of the symbols of each kind of length: one for each limb, or one for all."""
     limbs = robot.limbs
     if limbs is None:
         return {}

@@ -39,7 +39,7 @@ class BodyPoses(Shown):
 class Kinematics(Shown, Plotted):
     """Kinematics of a described robot. Arrays have one sample a row; kernels compile on first use.
 
-    A single sample may be given as a vector, and then what is returned has no axis of samples.
+    A single sample may be given as a vector; results then have no axis of samples.
 
     z = [x, y, z of the platform point in the world; ψ with a telescope], in m and rad.
     """
@@ -59,8 +59,8 @@ class Kinematics(Shown, Plotted):
         """Drive coordinates q(z) in the described working mode.
 
         Raises:
-            KinematicsError: a limb cannot reach; names the sample, the limb and the distance.
-                Or its arm and strut are in line.
+            KinematicsError: a limb cannot reach the pose, or its arm and strut are in line; names
+                the sample and the limb.
         """
         q, reach = self._inverse_kernel.rows(z)
         self._require_reach(z, reach)
@@ -70,9 +70,9 @@ class Kinematics(Shown, Plotted):
     def forward(self, q: Samples) -> Samples:
         """Task coordinates z(q) in the described working mode.
 
-        In closed form where there is one (platform below or above the drives, as in the home pose),
-        else by Newton's method from the home pose, on its side of singularities
-        (`mechanism.forward`); rows are then taken for consecutive samples of a motion.
+        In closed form for three limbs that hold one platform (below or above the elbows, as in the
+        home pose), else by Newton's method from the home pose, on its side of singularities
+        (`mechanism.forward`); rows are then consecutive samples of a motion.
 
         Raises:
             KinematicsError: no platform position closes the loops, its Jacobian is singular, or a
@@ -115,7 +115,7 @@ class Kinematics(Shown, Plotted):
         return self._wrong_mode(int(solution.limb[0]))
 
     def _wrong_mode(self, limb: int) -> str:
-        """How a limb's posture differs from the description, in words; −1 where none does."""
+        """How a limb's posture differs from the description, in words; −1: beyond a singularity."""
         if limb < 0:
             return "the loops close only beyond a singularity from the home pose"
         geometry = self.robot.limb_geometry[limb]
@@ -155,8 +155,9 @@ class Kinematics(Shown, Plotted):
     def passages(self, z: Samples) -> Int[np.ndarray, " passages"]:
         """Samples i of a motion z(t) such that it passes through a singularity between i and i + 1.
 
-        Beyond a singularity a robot is on another branch than its home pose, where the same drive
-        coordinates often have a solution too; z(q) then turns back where the robot went on.
+        Beyond a singularity a robot is on another branch than its home pose. The same drive
+        coordinates often have a solution on the home pose's branch as well: z(q) then turns back
+        where the robot went on.
         """
         return passages(self.regularity(z))
 
@@ -173,7 +174,7 @@ class Kinematics(Shown, Plotted):
 
     @one_or_many("z")
     def poses(self, z: Samples) -> tuple[BodyPoses, ...]:
-        """Poses of all moving bodies, limb by limb as in `Mechanism.bodies`."""
+        """Poses of all moving bodies, in the order of `Mechanism.bodies`."""
         out, bodies = self._pose_kernel.rows(z), self.mechanism.bodies
         poses = zip(bodies, out[::2], out[1::2], strict=True)
         return tuple(BodyPoses(b.name, b.R_WL @ R_LB, r @ b.R_WL.T) for b, R_LB, r in poses)
@@ -186,20 +187,20 @@ class Kinematics(Shown, Plotted):
 
         Args:
             q: drive coordinates; rows are consecutive samples, as in `forward`.
-            qd: drive velocities; without them there are no velocities.
+            qd: drive velocities; without them the result has no velocities.
 
         Raises:
             KinematicsError: q closes no loop or is singular.
-            DeltaidError: the mechanism is the user's own, so its joints are not known.
+            DeltaidError: the mechanism is user-defined, so its joints are not known.
         """
         return self._all_joints.states(self.forward(q), qd)
 
     @one_or_many("z", "qd")
     def passive_joints(self, z: Samples, qd: Samples | None = None) -> JointStates:
-        """The same for passive joints, from task coordinates z; NaN out of reach.
+        """Joint states of the passive joints at task coordinates z; NaN out of reach.
 
         Raises:
-            DeltaidError: the mechanism is the user's own, so its joints are not known.
+            DeltaidError: the mechanism is user-defined, so its joints are not known.
         """
         return self._passive_joints.states(z, qd)
 

@@ -1,9 +1,10 @@
 """A limb: a drive, then a parallelogram of struts to a joint of the platform.
 
 Frames (docs/conventions.md): the limb's inertial frame L has x outwards, y along the motor axis and
-z up; its origin is the world's. Upper arm U at the motor axis, x along the arm, angle 0 horizontal
-and outwards, positive downwards; carriage C at the strut's upper joint, parallel to L; strut S at
-the elbow, x along the strut, hanging on two revolute joints of which the first is parallel to y.
+z up; its origin is the world's. The upper arm's frame U is at the motor axis, x along the arm;
+angle 0 is horizontal and outwards, positive downwards. The carriage's frame C is at the strut's
+upper joint, parallel to L. The strut's frame S is at the elbow, x along the strut; of its two
+revolute joints the first is parallel to y.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +31,7 @@ class Limb:
         R_WL: rotation from the limb's frame L to the world.
         R_LD, r_LD: pose of the driven body, upper arm or carriage.
         R_LS, r_LS: pose of the strut.
-        reach: distance by which the point is inside what the limb can reach [m].
+        reach: distance by which the platform joint is inside the limb's reach [m].
     """
 
     q: ca.SX
@@ -56,8 +57,8 @@ class LimbMotion:
         s: the strut's vector in the world [m].
         gain: s · E′.
         bias: s · ä at q̈ = 0, s · E″ q̇² − |ṡ|².
-        swing: what the strut's turns about y of L and then about its own z do.
-        reach: as of a `Limb`.
+        swing: rates of the strut's turns about y of L and then about its own z.
+        reach: as in `Limb` [m].
     """
 
     q: ca.SX
@@ -93,12 +94,12 @@ def limb_motion(
     """Inverse kinematics and motion of a limb.
 
     Args:
-        point: that it holds, in the world [m].
+        point: platform joint, in the world [m].
         names: of the driven body and the strut.
         drive: q̇ and q̈ as symbols.
         swing: rates and accelerations of the strut's two angles as symbols.
         middle: angle of a rotary drive opposite to which its coordinate jumps by a turn [rad].
-        grown: symbols that its lengths exceed the described ones by.
+        grown: deviations of its lengths from the described ones.
     """
     lengths: tuple[_Length, _Length] = (limb.upper_arm, limb.strut)
     R_LW, origin, turned = fixed(limb.R_WL.T), fixed(limb.R_WL.T @ limb.base), ca.SX.eye(3)
@@ -146,7 +147,8 @@ def limb_motion(
 
 @dataclass(frozen=True)
 class _Drive:
-    """A limb's drive for some point: coordinate, elbow from the base point in L, E′ and E″."""
+    """A limb's solution for a platform joint: drive coordinate and, for a rotary drive, its cosine
+    and sine; elbow from the base point in L, E′, E″; reach."""
 
     q: ca.SX
     cos: ca.SX
@@ -160,8 +162,8 @@ class _Drive:
 def _rotary(
     d: ca.SX, limb: LimbGeometry, lengths: tuple[_Length, _Length], middle: float
 ) -> _Drive:
-    """With d from the motor axis to the held point, the upper arm's direction x_U solves
-    d · x_U = κ = (|d|² + L² − l²) / (2 L) in the arm's plane; the working mode picks one of two."""
+    """With d from the motor axis to the platform joint, the upper arm's direction x_U solves
+    d · x_U = κ = (|d|² + L² − l²) / (2 L) in the arm's plane; the working mode selects a root."""
     L, l = lengths
     outwards, lateral, height = d[0], d[1], d[2]
     rho_squared = outwards**2 + height**2
@@ -190,8 +192,8 @@ def _angle(cos: ca.SX, sin: ca.SX, middle: float) -> ca.SX:
 
 
 def _linear(p: ca.SX, limb: LimbGeometry, l: _Length) -> _Drive:
-    """With p from the rail's zero point to the held one and e along the rail, |p − q e| = l gives
-    q = e·p ∓ √(l² − |p|² + (e·p)²); outwards is the carriage above."""
+    """With p from the rail's zero point to the platform joint and e along the rail, |p − q e| = l
+    gives q = e·p ∓ √(l² − |p|² + (e·p)²); −, the carriage above, where `limb.outwards`."""
     e = fixed(limb.rail)
     along = ca.dot(e, p)
     aside_squared = ca.sumsqr(p) - along**2
@@ -203,9 +205,9 @@ def _linear(p: ca.SX, limb: LimbGeometry, l: _Length) -> _Drive:
 def _rotary_reach(rho_squared: ca.SX, lateral: ca.SX, L: _Length, l: _Length) -> ca.SX:
     """Distance [m] from the platform joint to the nearest point out of reach.
 
-    The limb reaches all points that are a strut l away from some point of the elbow's circle: those
-    whose distances to the circle's nearest and farthest point have l between them. Out of reach it
-    is minus the distance to the nearest point that can be reached.
+    The limb reaches all points at a distance l from some point of the elbow's circle: l is between
+    their distances to the circle's nearest and farthest point. Out of reach the result is minus the
+    distance to the nearest point within reach.
     """
     rho = ca.sqrt(rho_squared)
     nearest, farthest = (ca.sqrt(lateral**2 + (rho + sign * L) ** 2) for sign in (-1, 1))
@@ -224,8 +226,8 @@ def elbow(q: ca.SX, limb: LimbGeometry) -> ca.SX:
 def mode_margin(q: ca.SX, point: ca.SX, limb: LimbGeometry) -> ca.SX:
     """Distance [m] of the limb from its stretched pose; negative in the other working mode.
 
-    Rotary: how far the strut's end lies inwards of the line through the upper arm. Linear: how far
-    along the rail the held point lies below the carriage.
+    Rotary: how far the platform joint lies inwards of the line through the upper arm. Linear: how
+    far along the rail it lies below the carriage.
     """
     p = ca.mtimes(ca.DM(limb.R_WL.T), point - ca.DM(limb.base))
     if limb.drive == "rotary":

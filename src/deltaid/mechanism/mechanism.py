@@ -1,7 +1,7 @@
-"""A mechanism for the rest of the package: symbolic poses, drives, joints and reach.
+"""Data classes of a mechanism: symbolic poses, drives, joints and reach.
 
 Everything is a CasADi SX expression of the task coordinates z = [r; ψ] (r the platform point in
-the world; ψ the tool's angle, where a telescope or a platform turns it). Velocities and
+the world; ψ the tool's angle, if a telescope or the platform turns it). Velocities and
 accelerations are simple functions of generalised speeds (`mechanism.speeds`).
 """
 
@@ -21,13 +21,13 @@ class MovingBody:
 
     Attributes:
         name: the body of the description whose ten parameters it carries.
-        count: how many bodies share this very motion (2 for the struts of a parallelogram).
+        count: number of bodies that share this motion (2 for the struts of a parallelogram).
         R_WL: constant rotation from an inertial frame L to the world W. A limb's poses are
             simplest in a frame turned with the limb; its origin is the world's.
         rotation: from link frame B to L, with ω and ω̇ in B.
         origin: of the link frame, resolved in L, with velocity and acceleration [m].
 
-    Poses are functions of z, the rest of z and of the mechanism's generalised speeds.
+    Poses are functions of z, their rates of z and of the mechanism's generalised speeds.
     """
 
     name: str
@@ -37,7 +37,7 @@ class MovingBody:
     origin: Path
 
     def turned(self, by: ca.SX) -> "MovingBody":
-        """The same turned about the origin by a constant rotation in L."""
+        """The body turned about the origin of L by a constant rotation."""
         if by.is_eye():
             return self
         origin = Path(by @ self.origin.at, by @ self.origin.rate, by @ self.origin.acceleration)
@@ -50,7 +50,7 @@ class MovingBody:
 
     @property
     def world_origin(self) -> ca.SX:
-        """r_WB, where the link frame is in the world [m]."""
+        """r_WB, the origin of the link frame in the world [m]."""
         return fixed(self.R_WL) @ self.origin.at
 
 
@@ -61,7 +61,7 @@ class LimbBodies:
     Attributes:
         driven, strut: their motion.
         held: the middle of the strut joints at the platform, in the world [m].
-        length: of the strut [m]; symbols in it where it may grow.
+        length: of the strut [m]; an expression with the symbols of a `LengthGrowth`, if any.
     """
 
     driven: MovingBody
@@ -96,24 +96,25 @@ class Mechanism:
         q: drive coordinates as functions of z (inverse kinematics).
         speeds: generalised speeds that the bodies' motion is a function of.
         bodies: all moving bodies.
-        limbs: those of each limb, and what it holds.
-        platform: bodies of the platform, the parts that limbs hold first.
-        telescope: of a telescope bar, its upper and lower half and the end effector; or none.
+        limbs: bodies of each limb, with its platform joint.
+        platform: bodies of the platform, first the parts that limbs hold.
+        telescope: upper and lower half of a telescope bar, and the end effector; or none.
         joints: friction joints' coordinates ϑ(z) by name, drives first.
         reach: for each limb, the distance in metres by which z is inside its reach, functions of z.
-        q_symbols: δ symbols for the drive coordinates in what follows.
-        middles: for each rotary limb the angle that its coordinate is within 180° of [rad]; whole
-            turns more or less close the loops as well. None for every other drive.
+        q_symbols: δ symbols of drive coordinates, for `closure`, `modes` and `forward`.
+        middles: for each rotary limb the angle that its coordinate is within 180° of [rad]; the
+            loops also close with whole turns added. None for every other drive.
         closure: δ functions of z and `q_symbols` that are zero when the loops are closed [m, rad].
         modes: for each limb a distance in metres, function of z and `q_symbols`, that is negative
             when the limb is not in its described working mode.
-        forward: forward kinematics in closed form; None where only iteration finds it.
-        drawing: (body, start, end) of lines to draw in place of the limbs' own, world [m].
-        lengths: for each task coordinate what it moves the platform's parts by: 1 for r, for the ψ
-            of a platform [m/rad] how far its parts move, 1 for the ψ of a telescope.
-        hold: one row a limb: the axis about which its parallelogram keeps its part from turning, by
-            the rotations that the platform's parts could have; None for one of the user's own.
-        period: turn of ψ [rad] that the drives do not show; None where they show every turn.
+        forward: forward kinematics in closed form; None where it needs iteration.
+        drawing: (body, start, end) of lines to draw in place of the limbs, world [m].
+        lengths: weights of the task coordinates in `scaled_jacobian`: 1 for r; for ψ how far it
+            moves the platform's parts [m/rad], or 1 with a telescope.
+        hold: one row for each limb: the axis about which its parallelogram prevents rotation; one
+            column for each rotation of the platform's parts. None for a user-defined mechanism.
+        period: turn of ψ [rad] that leaves the drive coordinates equal; None if every turn changes
+            them.
     """
 
     z: ca.SX
@@ -142,7 +143,7 @@ class Mechanism:
 
     @property
     def newton_step(self) -> ca.SX:
-        """Φ_z⁻¹ Φ of the closure Φ(z, q): what Newton's method takes from z."""
+        """Newton step Φ_z⁻¹ Φ of the closure Φ(z, q), to be subtracted from z."""
         return inverse(ca.jacobian(self.closure, self.z)) @ self.closure
 
     @property
@@ -159,7 +160,7 @@ class Mechanism:
 
     @property
     def scaled_jacobian(self) -> ca.SX:
-        """J = ∂q/∂z with ψ counted by the length that it moves a platform's part."""
+        """J = ∂q/∂z with ψ scaled to the length that it moves a platform's part."""
         return self.speeds.jacobian @ ca.diag(1 / ca.DM(self.lengths))
 
     @property

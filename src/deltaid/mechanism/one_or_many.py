@@ -1,5 +1,5 @@
-"""Validation of array arguments: real numbers, one sample or many. Methods of many samples accept a
-single one."""
+"""Validation of array arguments, and decorators by which methods of many samples accept a single
+one."""
 
 import functools
 from collections.abc import Callable
@@ -14,12 +14,13 @@ from deltaid.errors import DeltaidError, KinematicsError
 def real_numbers(
     value: Any, where: str, *, cure: str = "", error: type[DeltaidError] = DeltaidError
 ) -> np.ndarray:
-    """Something array-like as integers or floating-point numbers.
+    """An array of integers or floating-point numbers from anything array-like.
 
-    NumPy itself would take the number below a mask, the real part, true as 1 and '1' as 1.
+    NumPy itself would accept masked numbers, real parts of complex ones, true as 1 and '1' as 1.
 
     Raises:
-        DeltaidError: of the given kind; masked, complex or other values, or rows of unequal length.
+        DeltaidError: values are masked, complex or not numbers, or rows differ in length; `error`
+            is its class.
     """
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         raise error(
@@ -42,13 +43,13 @@ _R = TypeVar("_R")
 def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """Let a method of rows (samples, dof) accept a single sample (dof,).
 
-    Where all of the named arguments, its first ones, are vectors, they go in as one row, and of
-    what comes out, an array, a tuple or a data class of arrays, the first row is returned.
-    Sequences of numbers are taken as arrays.
+    The named arguments come first. If all are vectors, the method gets each as one row, and the
+    caller the first row of its result: of an array, or of each array in a tuple or data class.
+    Sequences of numbers count as arrays.
 
     Raises:
-        KinematicsError: an argument has no or more axes, another number of columns than the robot
-            has drives, or as many rows as none of the others; it is named.
+        KinematicsError: an argument, which is named, is no vector or matrix, has not one column for
+            each of the robot's drives, or has another number of rows than the first.
     """
 
     def decorate(method: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -71,10 +72,10 @@ def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
 
 
 def as_rows(dof: int, **given: Any) -> tuple[np.ndarray, ...]:
-    """Arrays of one sample a row, of rows or of single samples.
+    """Arrays with one sample a row, from rows or single samples.
 
     Raises:
-        KinematicsError: as of `one_or_many`.
+        KinematicsError: as in `one_or_many`.
     """
     rows = {name: np.atleast_2d(_array(value, dof, name)) for name, value in given.items()}
     _require_alike(rows)
@@ -125,7 +126,7 @@ def _require_alike(given: dict[str, np.ndarray]) -> None:
 
 
 def _first(out: Any) -> Any:
-    """The first row of an array, or of each array in what holds some."""
+    """The first row of an array, or of each array in a tuple or data class."""
     if isinstance(out, np.ndarray):
         return out[0]
     if isinstance(out, tuple):

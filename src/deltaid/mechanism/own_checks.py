@@ -1,4 +1,4 @@
-"""Checks of a user-defined mechanism: kinds, shapes, symbols, and mobility."""
+"""Checks of a user-defined mechanism: types, shapes, symbols, and mobility."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,22 +14,22 @@ from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.regularity import written
 from deltaid.robot.description import RobotDescription
 
-# Random poses, besides the middle of the workspace, at which rotations are checked.
+# Number of random poses, besides the middle of the workspace, at which rotations are checked.
 _POSES = 8
 
 
 class Checker:
-    """Checks of a mechanism's parts, with the file's place in their messages."""
+    """Checks of a mechanism's parts; messages name the user's file."""
 
     def __init__(self, where: str, z: ca.SX) -> None:
         self._where, self._z = where, z
 
     def wrong(self, what: str) -> DescriptionError:
-        """An error with the file's place."""
+        """An error that names the user's file."""
         return DescriptionError(what, where=self._where, cure="correct the Python file")
 
     def kind(self, value: object, wanted: type, name: str, words: str) -> None:
-        """Raise for a value of another type, and for text as a list."""
+        """Raise for a value of another type, and for text in place of a list."""
         if not isinstance(value, wanted) or isinstance(value, str):
             raise self.wrong(f"returns {name} as {type(value).__name__}, not as {words}")
 

@@ -25,10 +25,10 @@ class PlatformParts:
 
     Attributes:
         points: for each limb the middle of its strut joints [m].
-        bodies: all moving bodies, the parts that limbs hold first.
+        bodies: all moving bodies, first the parts that limbs hold.
         joint: coordinate of the platform's own joint, θ [rad] or s [m]; None without one.
         length: how far a part moves with ψ [m/rad]; None where the platform only translates.
-        period: turn of ψ [rad] after which all parts but the tool are where they were, or None.
+        period: turn of ψ [rad] that returns all parts but the tool to the same pose, or None.
     """
 
     points: tuple[Path, ...]
@@ -42,7 +42,7 @@ def build_platform(robot: RobotDescription, z: Path, grown: ca.SX | None = None)
     """The platform of a described robot along a motion of z.
 
     Args:
-        grown: a symbol that half the distance of its parts exceeds the described one by [m].
+        grown: deviation of half the distance between its parts from the described one [m].
     """
     r, platform = z.at[:3], robot.platform
     attachments = [limb.attachment for limb in robot.limb_geometry]
@@ -63,8 +63,8 @@ def build_platform(robot: RobotDescription, z: Path, grown: ca.SX | None = None)
         parts[0 if platform.on_first(i) else 1].shifted(d) for i, d in enumerate(attachments)
     )
     carrier = {"middle": along(r, z), "first": parts[0], "second": parts[1]}[platform.tool_on]
-    # The part between both halves. Both rods of a par4 move alike but for their place, which no
-    # torque shows.
+    # Parts between both halves. The motions of a par4's two rods differ by a constant offset, which
+    # changes no torque.
     joining = platform.bodies[1:-1]
     count = 2 if isinstance(platform, Par4Platform) else 1
     turn = turn_z(along(joint, z))
@@ -90,9 +90,9 @@ def _body(name: str, origin: Path, *turns: Turn, count: int = 1) -> MovingBody:
 def with_turned_half(mechanism: Mechanism) -> Mechanism:
     """The same mechanism with its second half platform turned; unchanged where there is none.
 
-    Both half platforms are the same part, of which one is mounted turned by 180° about z. Parts
-    only translate, so torques show their masses alone, and both may be described in world axes.
-    What carries first and second moments, such as a base or a single strut, sees the second turned.
+    Both half platforms are the same part, mounted 180° about z apart. They only translate, so drive
+    torques depend on their masses alone, and `build_platform` has both in world axes. Forces that
+    depend on first and second moments, as at the base or in a single strut, need the second turned.
     """
     parts = mechanism.platform
     if len(parts) < 2 or parts[0].name != parts[1].name:
@@ -119,7 +119,7 @@ def build_telescope(
         z: r and ψ.
         bar: the description.
         spin: symbols for ω and ω̇ of the bar.
-        grown: a symbol that its base joint stands higher than described by [m].
+        grown: height of its base joint above the described one [m].
     """
     base, r = ca.SX(np.array(bar.base_joint)), along(z.at[:3], z)
     if grown is not None:

@@ -15,13 +15,13 @@ SINGULAR_CONDITION = 1e6
 
 @dataclass(frozen=True, repr=False)
 class Regularity(Shown):
-    """Distance of poses from singularities; J = ∂q/∂z with ψ as a length.
+    """Distance of poses from singularities; J = ∂q/∂z with ψ scaled to a length.
 
     Attributes:
         condition: ‖J‖_F ‖J⁻¹‖_F / δ.
-        determinant: of J; it changes its sign across a singularity.
+        determinant: of J; it changes sign across a singularity.
         gain: ‖J⁻¹‖_F, how far the platform moves for a step of the drives.
-        hold: condition of what keeps the platform's parts parallel (`Mechanism.hold_condition`).
+        hold: how well the platform's parts are kept parallel (`Mechanism.hold_condition`).
     """
 
     condition: Float[np.ndarray, "*samples"]
@@ -38,7 +38,7 @@ class Regularity(Shown):
         """Raise KinematicsError when one of the poses z is singular.
 
         Args:
-            linear: whether the robot's drives are.
+            linear: whether the robot has linear drives.
         """
         loose = np.flatnonzero(~(self.hold < SINGULAR_CONDITION))
         if loose.size and np.isfinite(self.condition[loose[0]]):
@@ -68,8 +68,8 @@ class Regularity(Shown):
 def passages(regular: Regularity) -> Int[np.ndarray, " passages"]:
     """Samples i such that the motion passes through a singularity between i and i + 1.
 
-    The distance d = 1/cond J falls towards zero there and rises again without rounding off: from
-    either side, the last two samples' line reaches zero before the next sample.
+    The distance d = 1/cond J falls to zero there and rises again with a kink: from either side, the
+    line through the last two samples reaches zero before the next sample.
     """
     d = 1 / regular.condition
     falls = 2 * d[1:-2] < d[:-3]
@@ -78,5 +78,5 @@ def passages(regular: Regularity) -> Int[np.ndarray, " passages"]:
 
 
 def written(x: Float[np.ndarray, " n"]) -> str:
-    """Coordinates for a message."""
+    """Coordinates as text for a message."""
     return "[" + ", ".join(f"{value:.4g}" for value in x) + "]"

@@ -1,8 +1,8 @@
 """Vectors and rotations along a motion, as chains of elementary turns with angular velocity.
 
-Each turn adds its own rate to the angular velocity and nothing else, so what is zero by geometry
-is zero by structure: columns of the regressor that no motion shows stay empty. Angles are given by
-cosine and sine, which follow from vectors without any arctangent.
+Each turn adds only its own rate to the angular velocity, so what is zero by geometry is zero by
+structure: regressor columns of parameters without effect stay empty. Angles are given by cosine and
+sine, which follow from vectors without an arctangent.
 """
 
 from dataclasses import dataclass, replace
@@ -24,18 +24,18 @@ class Path:
         return Path(self.at[k], self.rate[k], self.acceleration[k])
 
     def shifted(self, by: Float[np.ndarray, " 3"]) -> "Path":
-        """A point at a constant offset."""
+        """The point at a constant offset from this one."""
         return replace(self, at=self.at + fixed(by))
 
     @classmethod
     def still(cls, at: ca.SX) -> "Path":
-        """A constant point."""
+        """A constant, with zero derivatives."""
         none = ca.SX(*at.shape)
         return cls(at, none, none)
 
 
 def along(value: ca.SX, z: Path) -> Path:
-    """A function of z along a motion of z."""
+    """A function of z with its time derivatives along a motion of z."""
     rate = ca.jtimes(value, z.at, z.rate)
     bias = ca.jtimes(rate, z.at, z.rate)
     return Path(value, rate, ca.jtimes(value, z.at, z.acceleration) + bias)
@@ -88,7 +88,7 @@ def rotation(*turns: Turn) -> Rotation:
 def pointing(axes: str, v: Path, length: Path) -> tuple[Turn, Turn]:
     """The two turns of a universal joint that point the third axis of a frame along a vector.
 
-    Turns by β about y and γ about z, "yz", point x along v, and "xy" points z in the same way:
+    With "yz", turns by β about y and γ about z point x along v; "xy" points z in the same way:
 
         v = ℓ (cos β cos γ, sin γ, −sin β cos γ),   −90° < γ < 90°.
 
@@ -126,7 +126,7 @@ def skew(v: ca.SX) -> ca.SX:
 
 
 def reciprocal(x: ca.SX) -> ca.SX:
-    """1 / x as x / x², because CasADi makes a division of every product with 1 / x; NaN at 0."""
+    """1 / x as x / x², because CasADi turns each product with 1 / x into a division; NaN at 0."""
     return x / (x * x)
 
 

@@ -1,8 +1,8 @@
 """A robot as line segments for drawing: arms or rails, struts, platform and tool, telescope.
 
-Everything follows from the poses of the moving bodies, so what is drawn is what is computed with.
-Only the distance between the two struts of a parallelogram is no number of the description, because
-it changes no motion; it is drawn as half of the platform's or base's size.
+All segments follow from the poses of the moving bodies, so the drawing shows the computed model.
+Only the distance between the two struts of a parallelogram, which changes no motion, is drawn as
+half the radius of platform or base.
 """
 
 from dataclasses import dataclass
@@ -68,7 +68,7 @@ def _segments(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
 
 
 def _drawn_by_user(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
-    """Segments of the user's function, or of each body from its frame to its prior's centre of
+    """Segments from the user's function, or a line from each body's frame to its prior's centre of
     mass."""
     if mechanism.drawing:
         return [Segment(*line) for line in mechanism.drawing]
@@ -81,12 +81,12 @@ def _drawn_by_user(robot: RobotDescription, mechanism: Mechanism) -> list[Segmen
 
 
 def drawn_spacing(robot: RobotDescription) -> float:
-    """Distance between the two struts of a limb, where it is drawn but not described [m]."""
+    """Distance between the two struts of a limb in drawings, where it is not described [m]."""
     return 0.5 * _size(robot)
 
 
 def _size(robot: RobotDescription) -> float:
-    """Radius of the platform, or of the base [m]."""
+    """Radius of the platform, else of the base, else a fifth of a strut's length [m]."""
     limbs = robot.limb_geometry
     for points in ([l.attachment for l in limbs], [l.base for l in limbs]):
         radius = float(np.mean([np.linalg.norm(point) for point in points]))

@@ -1,7 +1,7 @@
 """Generalised speeds of a mechanism: u = (q̇, ż, w), as in Kane's method.
 
-Bodies move as simple functions of these; w are the rates of passive joints. Drives and platform are
-tied to each other by the closed loops, differentiated once and twice,
+Velocities of bodies are simple functions of u; w are the rates of passive joints. The closed loops,
+differentiated once and twice, relate drives and platform,
 
     A ż = B q̇,    A z̈ = B q̈ + c(q̇, ż),    B diagonal,
 
@@ -23,7 +23,7 @@ class Speed:
 
     Attributes:
         u, ud: symbols of the speeds and of their derivatives by time.
-        value, rate: expressions for both; empty for q̇ and ż, which the closed loops give.
+        value, rate: expressions for both; empty for q̇ and ż, which the closed loops relate.
     """
 
     u: ca.SX
@@ -39,7 +39,7 @@ class Speed:
 
     @classmethod
     def joined(cls, speeds: Sequence["Speed"]) -> "Speed":
-        """All of them as one vector."""
+        """Several speeds as one vector."""
         fields = ("u", "ud", "value", "rate")
         return cls(*(ca.vertcat(*(getattr(s, field) for s in speeds)) for field in fields))
 
@@ -48,11 +48,11 @@ class Speed:
         return Speed(self.u[k], self.ud[k], self.value, self.rate)
 
     def being(self, value: ca.SX, rate: ca.SX) -> "Speed":
-        """The same symbols with values."""
+        """The same symbols with new expressions."""
         return replace(self, value=value, rate=rate)
 
 
-# An expression of the symbols u, u̇ along a motion that is given by the speeds of q or of z.
+# Evaluates an expression of the symbols u, u̇ along a motion that is given by q̇ or ż.
 Along = Callable[[ca.SX], ca.SX]
 
 
@@ -63,7 +63,7 @@ class Speeds:
     Attributes:
         q, z: speeds of drives and of the platform.
         w: those of passive joints, functions of q̇ and ż.
-        A, B, c: the closed loops.
+        A, B, c: coefficients of the closed loops.
     """
 
     q: Speed
@@ -133,7 +133,7 @@ class Speeds:
 
     @property
     def locked_to_all(self) -> ca.SX:
-        """∂u/∂ż for locked drives, as if the loops were open."""
+        """∂u/∂ż for locked drives, q̇ = 0, as if the loops were open."""
         n = self.z.u.numel()
         return self._partial(ca.SX(n, n), ca.SX.eye(n))
 

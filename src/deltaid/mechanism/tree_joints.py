@@ -1,17 +1,17 @@
 """Coordinates of all joints of the robot's spanning tree, as in MJCF and URDF.
 
-A robot for programs that only know trees is cut where struts hold the platform and where the
-telescope meets it (`exports.spanning_tree`, which has bodies, frames and axes). In the closed robot
-each joint's coordinate is a function of z, and these functions stand here:
+For programs that only support trees, the robot is cut where struts and telescope meet the platform
+(`exports.spanning_tree` has bodies, frames and axes). In the closed robot each joint's coordinate
+is a function of z:
 
     limbN_swing   strut about the driven body's y: α, less q for an arm, which turns about y as well
     limbN_tilt    then about the strut's z: β, with x_S = (cos α cos β, sin β, −sin α cos β)
-    bar_x, bar_y  a telescope's upper universal joint below its turn ψ, and slide, its length
-    platform, partN_turn, tool, …   the platform's own joints
-    platform_x, middle_x, part1_x, tool_x, …   where a part of the platform is in the world
+    bar_x, bar_y  a telescope's upper universal joint after its turn ψ, and slide, its length
+    platform, partN_turn, tool, …   the joints between parts of the platform
+    platform_x, middle_x, part1_x, tool_x, …   position of a part of the platform in the world
 
-`JointStates` has them in numbers, as a publisher of joint states wants them; `PassiveJoints` how
-fast those without a drive move along a motion.
+`JointStates` has their values, in the form of a ROS joint state message; `PassiveJoints` evaluates
+how joints without a drive move along a motion.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ class JointStates(Named):
     """Joints of the robot's tree, for one or many samples, as in `sensor_msgs/JointState`.
 
     Attributes:
-        names: of the joints, those of the MJCF and URDF exports.
+        names: of the joints, as in the MJCF and URDF exports.
         position: [rad or m].
         velocity: [rad/s or m/s]; None where no drive velocities were given.
     """
@@ -80,7 +80,7 @@ def tree_joints(
     """All joints of the tree, drives first; or the passive ones.
 
     Raises:
-        DeltaidError: the mechanism is the user's own, so its joints are not known.
+        DeltaidError: the mechanism is user-defined, so its joints are not known.
     """
     coordinates = tree_coordinates(robot, mechanism)
     others = [name for name in coordinates if name not in robot.drives]
@@ -94,7 +94,7 @@ def tree_coordinates(robot: RobotDescription, mechanism: Mechanism) -> dict[str,
     """ϑ(z) of every joint of the tree by name, in the tree's order.
 
     Raises:
-        DeltaidError: the mechanism is the user's own, so its joints are not known.
+        DeltaidError: the mechanism is user-defined, so its joints are not known.
     """
     if robot.mechanism is not None:
         raise DeltaidError(
@@ -170,7 +170,7 @@ class PassiveJoints:
 
     Attributes:
         names: of the joints.
-        moved_by: for each joint whether a drive moves it at all, (joints, dof).
+        moved_by: whether a drive moves a joint at all, (joints, dof).
     """
 
     def __init__(self, mechanism: Mechanism, names: Sequence[str]) -> None:

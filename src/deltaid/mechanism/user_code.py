@@ -35,9 +35,9 @@ FUNCTION = "mechanism"
 
 
 def use_mechanism(path: str | pathlib.Path) -> str:
-    """Run a Python file that defines `mechanism(z)`, for descriptions that have one of their own.
+    """Run a Python file that defines `mechanism(z)`, for descriptions with a mechanism of the user.
 
-    Returns its SHA-256, by which descriptions and models know the file.
+    Returns its SHA-256, by which descriptions and models identify the file.
 
     Raises:
         DescriptionError: the file cannot be read or run, or does not define the function.
@@ -77,7 +77,7 @@ def file_of(own: OwnMechanism) -> NamedFile:
     """The file of a mechanism, with its function.
 
     Raises:
-        DescriptionError: no file has been named, or another one.
+        DescriptionError: no file has been named, or a different one.
     """
     file = named_file()
     if file is None or file.sha256 != own.sha256:
@@ -108,7 +108,7 @@ class BodyPose:
         name: a body of the description; several poses may share its ten parameters.
         rotation: R_WB from its link frame to the world, 3×3, function of z.
         origin: of its link frame in the world, 3, function of z [m].
-        count: how many bodies share this very motion.
+        count: number of bodies that share this motion.
     """
 
     name: str
@@ -124,11 +124,11 @@ class MechanismParts:
     Attributes:
         drives: drive coordinates q(z) [rad or m].
         bodies: poses of all moving bodies.
-        joints: coordinates of the description's further joints by name [rad or m].
+        joints: coordinates of the description's additional joints by name [rad or m].
         reach: for each limb a distance by which z is inside its reach [m]; positive where the
-            expressions above are finite. None says nothing about it.
-        segments: (body, start, end) of lines to draw, world [m], "base" for what does not move;
-            bodies' frames if there are none.
+            expressions above are finite. None sets no limit.
+        segments: (body, start, end) of lines to draw, world [m], "base" for fixed lines; without
+            any, lines from bodies' frames to their centres of mass.
         turn_length: how far ψ moves the platform's parts [m/rad], to weigh ψ against lengths.
     """
 
@@ -144,9 +144,9 @@ def build_own(robot: RobotDescription, own: OwnMechanism) -> Mechanism:
     """The mechanism of a description with a user's function.
 
     Raises:
-        DescriptionError: the function fails, or what it returns does not fit the description, is
-            not finite or no rigid motion, or leaves the drives without hold of z in the middle of
-            the workspace.
+        DescriptionError: the function fails; or its result does not fit the description, is not
+            finite, is no rigid motion, or has drives that do not determine z in the middle of the
+            workspace.
     """
     n = len(own.drives)
     z, q_symbols = ca.SX.sym("z", n), ca.SX.sym("q", n)
