@@ -1,4 +1,4 @@
-"""Task-space motions as truncated Fourier series, eq. (8), and these as a vector of unknowns."""
+"""Task-space motions as truncated Fourier series, eq. (8), and their unknowns as a vector."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ class FourierMotion(Shown):
     Attributes:
         base_frequency: ω₀ [rad/s].
         centre: b_i0, in m and rad.
-        sine, cosine: a and b, one row a coordinate, one column a harmonic.
+        sine, cosine: a and b, one row for each coordinate, one column for each harmonic.
     """
 
     base_frequency: float
@@ -87,12 +87,12 @@ class Series:
         return 1 + self.dof * (1 + 2 * self.harmonics)
 
     def bounds(self) -> list[tuple[float, float]]:
-        """Bounds of the unknowns: the frequency's own, and coefficients of no more than 3 sizes."""
+        """Bounds of the unknowns: those of log ω₀, and ± 3 sizes for coefficients."""
         frequency = (float(np.log(self.slowest)), float(np.log(self.fastest)))
         return [frequency] + [(-3.0, 3.0)] * (self.length - 1)
 
     def coefficients(self, x: Vector) -> Float[np.ndarray, "dof terms"]:
-        """Rows [b_0, a_1 … a_n, b_1 … b_n] of (8), with units, b_0 counted from `centre`."""
+        """Rows [b_0, a_1 … a_n, b_1 … b_n] of (8) in m and rad, b_0 relative to `centre`."""
         return x[1:].reshape(self.dof, -1) * self.size[:, None]
 
     def frequency(self, x: Vector) -> float:
@@ -100,7 +100,7 @@ class Series:
         return float(np.exp(x[0]))
 
     def motion(self, x: Vector) -> FourierMotion:
-        """The motion that a vector of unknowns stands for."""
+        """The motion of a vector of unknowns."""
         c, n = self.coefficients(x), self.harmonics
         centre = self.centre + c[:, 0]
         return FourierMotion(self.frequency(x), centre, c[:, 1 : n + 1], c[:, n + 1 :])

@@ -1,4 +1,4 @@
-"""Random motions within a robot's limits, and motions tamed until every limit is kept."""
+"""Random motions within a robot's limits, and motions slowed down until they keep every limit."""
 
 from dataclasses import replace
 from numbers import Integral
@@ -12,9 +12,9 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.motion.fourier import FourierMotion
 from deltaid.robot.description import RobotDescription
 
-# Samples of a period at which limits are checked, and those of a path that is to keep every limit.
+# Numbers of samples of a period at which `random_motion` and `tamed` check limits.
 _GRID, INSTANTS = 400, 1000
-# Motions that are tried.
+# Largest number of random motions that are tried.
 _ATTEMPTS = 100
 
 
@@ -31,7 +31,7 @@ def random_motion(
 
     Raises:
         DeltaidError: an argument has another type, or is not positive.
-        KinematicsError: no such motion was found; the description's limits leave no room.
+        KinematicsError: no motion within the description's limits was found.
     """
     typed("kinematics", kinematics, Kinematics, "the Kinematics of a robot")
     typed("rng", rng, np.random.Generator, "a generator, such as numpy.random.default_rng(0)")
@@ -85,19 +85,20 @@ def _scaled(
     return FourierMotion(w0, centre, sine * scale[:, None], cosine * scale[:, None])
 
 
-# Share of a torque limit that may be used: noise and a controller's feedback come on top.
+# Share of a torque limit that may be used; noise and a controller's feedback need the rest.
 _EFFORT = 0.8
-# Steps of slowing down at most.
+# Largest number of steps of slowing down.
 _STEPS = 60
-# How much slower each step, and how much smaller the tool's turns.
+# Factor of speed, or of the size of the tool's turns, in each step.
 _LESS = 0.93
 
 
 def tamed(dynamics: Dynamics, p: Parameters, motion: FourierMotion) -> FourierMotion:
-    """The motion, its tool's turns made smaller if only these are too fast, and then slower.
+    """Reduce the tool's turns if only they exceed a limit, else slow the motion down, until it
+    keeps all limits.
 
-    Slowing leaves the path as it is; turns are made smaller first, because a fourth drive that is
-    short of torque would slow the whole robot down.
+    Slowing leaves the path unchanged. Turns are reduced first, because a fourth drive that is short
+    of torque would slow the whole robot down.
 
     Raises:
         KinematicsError: the path leaves the workspace, or standing on it takes too much torque.

@@ -1,4 +1,4 @@
-"""A surrogate robot with known truth (Sec. VII) and recordings of it as a drive would log them."""
+"""A surrogate robot with known parameters (Sec. VII), and its recordings as drives log them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,7 +22,8 @@ from deltaid.sensors.robot_sensors import simulated_sensors
 # Friction of Sec. VII for the drives; the slide is not in Sec. VII and has values near Sec. VIII B.
 _VISCOUS = {"drive1": 2.0, "drive2": 2.0, "drive3": 2.0, "drive4": 0.5, "slide": 4.0}
 _COULOMB = {"drive1": 4.0, "drive2": 4.0, "drive3": 4.0, "drive4": 1.0, "slide": 5.0}
-# Share of a drive's torque above which that friction is a larger robot's.
+# Largest share of a drive's torque limit for which this Coulomb friction is used; drives for which
+# it is more belong to a smaller robot.
 _SMALL = 0.1
 
 
@@ -39,7 +40,7 @@ class Motion(Protocol):
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """What a drive's sensors do to the truth.
+    """Errors of a drive's sensors.
 
     Attributes:
         torque: standard deviation of white torque noise, as a share of each drive's largest torque.
@@ -56,9 +57,9 @@ def surrogate_parameters(
     """True parameters away from the prior, each body still physically consistent.
 
     Each body's pseudo-inertia matrix becomes G M̄ G with a random diagonal G = diag(e^ε), which
-    scales its masses and sizes by about ± spread and keeps its symmetry; viscous and Coulomb
-    friction of a rotary Delta of that size as in Sec. VII, all else away from its prior by about
-    the same.
+    scales its masses and sizes by about ± spread and keeps its symmetry. Viscous and Coulomb
+    friction of a rotary Delta of Sec. VII's size are those of Sec. VII; all other parameters
+    deviate from their prior by about ± spread.
     """
     p, layout = prior_parameters(robot), parameter_layout(robot)
     for body in layout.bodies:
@@ -90,12 +91,12 @@ def simulate_recording(
 ) -> pl.DataFrame:
     """Time, measured angles and measured torques of a motion: columns t, q1…, tau1….
 
-    Without noise the velocities and accelerations are recorded as well. What the robot's sensors
-    show stands in columns of their default names, with the noise and unknowns that they are
-    described with; without `noise` these show the truth.
+    Without noise the velocities and accelerations are recorded as well. Readings of the robot's
+    sensors are in columns of their default names, with the described noise and unknowns; without
+    `noise` they are exact.
 
     Args:
-        unmodelled: torques that no model of the robot has, a function of the drive speeds q̇.
+        unmodelled: torques that the robot's model lacks, a function of the drive speeds q̇.
 
     Raises:
         KinematicsError: the motion leaves the workspace.
