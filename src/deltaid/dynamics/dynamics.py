@@ -51,7 +51,7 @@ class SparseRegressor:
 
 @runtime_checkable
 class Regressor(Protocol):
-    """Columns that explain torques: a robot's, and possibly additional ones."""
+    """Columns that explain torques: those of a robot, and possibly additional ones."""
 
     @property
     def kinematics(self) -> Kinematics:
@@ -75,7 +75,7 @@ class Regressor(Protocol):
         ...
 
     def carried(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
-        """Torques that the robot's gears carry."""
+        """Torques that the gears carry at task coordinates z."""
         ...
 
 
@@ -87,12 +87,12 @@ class WithParameters(Shown):
 
     Attributes:
         robot: the description.
-        kinematics: of it.
-        layout: names and places of its parameters.
+        kinematics: the robot's kinematics.
+        layout: names and indices of its parameters.
     """
 
-    # Instance state besides what all instances of one robot share (`with_parameters`): their
-    # `__dict__`, with all compiled kernels.
+    # State of one instance. All instances of one robot share their `__dict__` with all compiled
+    # kernels (`with_parameters`).
     __slots__ = ("_p",)
     _p: Parameters | None
 
@@ -108,7 +108,7 @@ class WithParameters(Shown):
         return self.kinematics.dof
 
     def with_parameters(self: _Self, p: Parameters) -> _Self:
-        """The same with other default parameters; compiled kernels are shared."""
+        """The same computation with other default parameters; compiled kernels are shared."""
         other = object.__new__(type(self))
         other.__dict__ = self.__dict__
         other._p = p
@@ -116,14 +116,14 @@ class WithParameters(Shown):
 
     @property
     def p(self) -> Parameters:
-        """Parameters of calls without p."""
+        """Default parameters, for calls without p."""
         return prior_parameters(self.robot) if self._p is None else self._p
 
     def _parameters(self, p: Parameters | None) -> Parameters:
         """The given parameters, or the default ones.
 
         Raises:
-            DescriptionError: they are not as many as the robot has.
+            DescriptionError: their number is not that of the robot's parameters.
         """
         if p is None:
             return self.p
@@ -144,9 +144,9 @@ def _compiled(kind: type[Any], description: str) -> Any:
 
 
 def compiled_as(kind: type[_Self], robot: RobotDescription) -> _Self:
-    """The `kind` of a robot, cached with its compiled kernels.
+    """An instance of `kind` for a robot, cached with its compiled kernels.
 
-    Everything that it holds follows from the description, so sharing it changes no result.
+    All of its state follows from the description, so sharing it changes no result.
     """
     return _compiled(kind, robot.model_dump_json())
 
@@ -170,7 +170,7 @@ class Dynamics(WithParameters, Plotted):
     ) -> Float[np.ndarray, "samples dof parameters"]:
         """The full regressor Y(q, q̇, q̈) of (2)–(7), τ = Y p.
 
-        Friction that depends on load needs what the gears carry as well (`carried`).
+        Friction that depends on load needs the torques that the gears carry (`carried`).
 
         Raises:
             KinematicsError: q closes no loop or is singular.
@@ -181,7 +181,7 @@ class Dynamics(WithParameters, Plotted):
     def regressor_at(
         self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> Float[np.ndarray, "samples dof parameters"]:
-        """The same at task coordinates z."""
+        """The full regressor at task coordinates z."""
         sparse = self.sparse_regressor(z, qd, qdd, load)
         Y = np.zeros((sparse.values.shape[1], self.dof, len(self.layout.names)))
         Y[:, sparse.rows, sparse.columns] = sparse.values.T
@@ -190,7 +190,7 @@ class Dynamics(WithParameters, Plotted):
     def sparse_regressor(
         self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
     ) -> SparseRegressor:
-        """Nonzero entries of Y at task coordinates z: the path of all recorded data.
+        """Nonzero entries of Y at task coordinates z, as used for all recorded data.
 
         Raises:
             DescriptionError: friction depends on load, and there is none.
@@ -221,8 +221,9 @@ class Dynamics(WithParameters, Plotted):
     def _nonzero(self) -> Int[np.ndarray, " entries"]:
         """Structural entries of Y that are nonzero beyond rounding.
 
-        What a described robot's torques do not show is zero by structure. Rotations of a mechanism
-        of the user's own cancel only numerically, so its entries are evaluated in generic states.
+        For a described robot, entries without effect on torques are zero by structure. Rotations of
+        a user-defined mechanism cancel only numerically, so its entries are evaluated in generic
+        states.
         """
         if self.robot.mechanism is None:
             return np.arange(self.equations.Y.nnz())
@@ -268,8 +269,7 @@ class Dynamics(WithParameters, Plotted):
     def terms(self, q: Samples, qd: Samples, p: Parameters | None = None) -> Terms:
         """M, C, g and f of (1) in drive coordinates.
 
-        C comes from Christoffel symbols, so Ṁ = C + Cᵀ. Friction that depends on load is a share
-        of what gears carry and not in f.
+        C comes from Christoffel symbols, so Ṁ = C + Cᵀ. f excludes friction that depends on load.
 
         Raises:
             KinematicsError: q closes no loop or is singular.

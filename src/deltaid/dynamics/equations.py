@@ -21,7 +21,7 @@ from deltaid.mechanism.rotation import skew
 from deltaid.mechanism.speeds import Along
 from deltaid.robot.description import RobotDescription
 
-# Number of generic states for the test of zero entries.
+# Number of generic states in which entries are tested for zero.
 _GENERIC = 64
 
 
@@ -31,13 +31,12 @@ class Equations:
 
     Attributes:
         z, qd, qdd: inputs, δ each.
-        load: what the drives' gears carry, δ; Y depends on it only through friction that depends
-            on load.
+        load: torques that the drives' gears carry, δ; input of load-dependent friction in Y.
         p: the parameters [bodies · 10, friction terms, springs, rotor inertias].
         J, T: ∂q/∂z and ∂z/∂q, δ×δ.
         Y: the full regressor, τ = Y p, δ × len(p), structurally sparse.
         torque: τ(z, q̇, q̈, p).
-        carried: the load that goes with it, τ without the motors' own friction and rotors.
+        carried: the load of this torque, τ without the motors' own friction and rotors.
         M, C, g, f: the terms of (1) in drive coordinates; C from Christoffel symbols; f without
             the friction that depends on load.
     """
@@ -91,8 +90,8 @@ def _coriolis(forces: SpeedForces, motion: Along, N: ca.SX) -> ca.SX:
     """C of (1) from Christoffel symbols.
 
     Accelerations at q̈ = 0 are quadratic in q̇. For the origin of a body, half their slope ∂a/∂q̇ is
-    the rate of the partial velocities ∂v/∂q̇; for its angular acceleration it falls short of the
-    rate of ∂ω/∂q̇ by ½ ω × ∂ω/∂q̇, because ω is no derivative of coordinates.
+    the rate of the partial velocities ∂v/∂q̇. For its angular acceleration half the slope falls
+    short of the rate of ∂ω/∂q̇ by ½ ω × ∂ω/∂q̇, because ω is no derivative of coordinates.
     """
     speeds, bodies = forces.mechanism.speeds, forces.mechanism.bodies
     accelerations = [ca.vertcat(body.origin.acceleration, body.rotation.alpha) for body in bodies]
@@ -112,7 +111,7 @@ class TaskMotion:
 
     Attributes:
         z, zd, zdd: inputs, δ each.
-        q, qd, qdd: drive motion as functions of the inputs.
+        q, qd, qdd: drive motion, functions of the inputs.
         Y: the full regressor, τ = Y p.
         condition: of J, see `Mechanism.condition`.
     """
@@ -132,7 +131,7 @@ def build_task_motion(
 ) -> TaskMotion:
     """The regressor as a function of z, ż, z̈; `sign` may be a smooth substitute for optimisation.
 
-    Friction that depends on load sees what gears carry at the prior.
+    Load-dependent friction uses the torques that gears carry with the prior parameters.
     """
     forces, speeds = SpeedForces(robot, mechanism), mechanism.speeds
     motion, N, load = speeds.by_task(), speeds.drives_to_all, ca.SX.sym("load", mechanism.dof)
@@ -154,7 +153,7 @@ def beyond_rounding(
 
     Args:
         kinematics: of the robot.
-        inputs: z and whatever else the entries are functions of.
+        inputs: z and all other inputs of the entries.
         entries: a dense column.
     """
     robot, rng, dof = kinematics.robot, np.random.default_rng(0), kinematics.dof

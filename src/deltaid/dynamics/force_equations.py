@@ -2,23 +2,23 @@
 
 Newton's and Euler's laws for every body, solved from the free ends inwards:
 
-1. A strut hangs on a universal joint at the elbow and a ball joint at the platform. Its own inertia
-   gives the force across it and the moment about its axis; the force N along it stays unknown.
-2. The telescope bar between its universal joints: all forces follow from its own inertia, from the
-   moment that turns the end effector and from friction in the slide.
-3. The platform. With locked drives a virtual motion δz stretches the struts of limb i by
+1. Strut, between a universal joint at the elbow and a ball joint at the platform. Its inertia
+   determines the force across it and the moment about its axis; the force N along it is unknown.
+2. Telescope bar, between its universal joints. Its inertia, the moment that turns the end effector
+   and friction in the slide determine all forces.
+3. Platform. With locked drives a virtual motion δz stretches the struts of limb i by
    x_iᵀ (∂a_i/∂z) δz (x_i along the strut, a_i the middle of its joints on the platform), so the
    sums N_i of the forces along a limb's struts solve Aᵀ N = −Q with A = [x_iᵀ ∂a_i/∂z] and the
    generalised forces Q of inertia, gravity and joints on z.
-4. What the platform cannot do, but could if the struts let it: turn about three axes, and for H4
-   one side bar against the other. Such a turn δφ stretches the two struts at ± h y_i (y_i the motor
-   axis) differently, by ± h x_i · (∂ω/∂φ × y_i) δφ: the differences D_i of the forces of a pair
-   solve a system of the same size as the number of limbs.
-5. Upper arm or carriage: what the struts leave for the bearing.
+4. Rotations that the struts prevent: of the platform about three axes, and for H4 of one side bar
+   against the other. Such a turn δφ stretches the two struts at ± h y_i (y_i the motor axis)
+   differently, by ± h x_i · (∂ω/∂φ × y_i) δφ. So the differences D_i of the forces of a pair solve
+   one equation for each rotation, as many as limbs.
+5. Upper arm or carriage. The balance of its forces determines the load of its bearing.
 
-All joints are without friction but the telescope's slide and the platform's own joint (H4: where
-the middle bar meets the first side bar). The tool of an H4 turns in the middle bar and is geared to
-the first side bar. Motors' and gears' own inertia does not load the bearings.
+Only the telescope's slide and the platform's own joint have friction (H4: where the middle bar
+meets the first side bar). The tool of an H4 turns in the middle bar and is geared to the first side
+bar. Inertia of motors and gears does not load the bearings.
 """
 
 from dataclasses import dataclass
@@ -51,8 +51,8 @@ class ForceEquations:
 
     Attributes:
         z, qd, qdd, p: inputs.
-        channels: what there is to know.
-        struts: names of the struts, or of the pairs where only their sum is known.
+        channels: all force channels.
+        struts: names of the struts, or of the pairs where only the sum of forces is determined.
     """
 
     z: ca.SX
@@ -64,7 +64,7 @@ class ForceEquations:
 
 
 def unknown_joints(wanted: str, where: str) -> DescriptionError:
-    """Error of forces that the description of a user's own mechanism does not determine."""
+    """Error for forces that the description of a user-defined mechanism does not determine."""
     return DescriptionError(
         "a mechanism of your own says how bodies move, but not which joints carry them, so "
         f"{wanted} cannot be computed",
@@ -74,7 +74,7 @@ def unknown_joints(wanted: str, where: str) -> DescriptionError:
 
 
 def splits(robot: RobotDescription) -> bool:
-    """Whether the force of each strut of a pair is determined, and not only the sum."""
+    """Whether the force of each strut of a pair is determined, not only their sum."""
     known = all(limb.spacing is not None for limb in robot.limb_geometry)
     return known and robot.platform.determines_struts
 
@@ -97,7 +97,8 @@ def build_forces(robot: RobotDescription, mechanism: Mechanism) -> ForceEquation
 
 @dataclass(frozen=True)
 class _Turn:
-    """A virtual rotation that the struts prevent: its axis, a point of it, and what rotates."""
+    """A virtual rotation that the struts prevent: its axis, a point of the axis, and the bodies and
+    limbs that move."""
 
     axis: ca.SX
     centre: ca.SX
@@ -105,7 +106,7 @@ class _Turn:
     limbs: tuple[int, ...]
 
     def moment(self, point: ca.SX, force: ca.SX) -> ca.SX:
-        """Virtual work of a force at a point."""
+        """Virtual work of a force at a point, per unit of rotation."""
         return ca.dot(self.axis, ca.cross(point - self.centre, force))
 
 
@@ -196,7 +197,8 @@ class _Build:
         return -inverse(A) @ work
 
     def _turns(self) -> list[_Turn]:
-        """Rotations of the whole platform, with the telescope's end, and the fourth of an H4."""
+        """Rotations of the whole platform with the end effector of a telescope, and for an H4 that
+        of the second side bar."""
         platform = self._robot.platform
         parts = self._platform + self._telescope[2:]
         limbs = tuple(range(len(self._struts)))
@@ -227,7 +229,8 @@ def _strut_channels(
 def _socket_channels(
     name: str, strut: Strut, inner: ca.SX, outer: ca.SX, side: float
 ) -> list[ForceChannel]:
-    """Force of the ball away from its twin: a socket opens below minus the spring force."""
+    """Force of the ball away from its twin; a socket opens where it is below minus the spring
+    force."""
     y_S = strut.R_LS[1, :].T
     return [
         ForceChannel(f"{name}.platform.out", "N", side * ca.dot(y_S, inner)),

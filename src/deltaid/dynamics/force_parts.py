@@ -16,10 +16,10 @@ from deltaid.robot.limbs import LimbGeometry
 
 @dataclass(frozen=True)
 class ForceChannel:
-    """One number of the result, such as the force along a strut at the platform.
+    """One component of a force, such as the force along a strut at the platform.
 
     Attributes:
-        name: as in files: 'strut1a.platform.x'.
+        name: as in files, such as 'strut1a.platform.x'.
         unit: N or N m.
         value: function of z, q̇, q̈ and p, linear in p.
     """
@@ -30,16 +30,16 @@ class ForceChannel:
 
 
 def vector(name: str, unit: str, value: ca.SX, axes: str = "xyz") -> list[ForceChannel]:
-    """Channels of a vector's entries along some axes."""
+    """Channels of a vector's components along some axes."""
     return [ForceChannel(f"{name}.{axis}", unit, value["xyz".index(axis)]) for axis in axes]
 
 
 @dataclass(frozen=True)
 class LoadedBody:
-    """A body and the wrench that its motion takes from its joints, without gravity.
+    """A body and the wrench that its joints exert for its motion.
 
     Attributes:
-        body: the body; one of `body.count`.
+        body: the body, one of `body.count` identical ones.
         taken: force and moment about its link frame's origin.
     """
 
@@ -74,11 +74,11 @@ class LoadedBody:
 
 @dataclass(frozen=True)
 class Strut:
-    """A strut of a limb without the force along it.
+    """A strut of a limb with all forces except the one along it.
 
     Attributes:
         geometry: its limb.
-        part: what its motion takes.
+        part: the strut's body with its wrench.
         R_LS: from the strut's frame to the limb's.
         r_E: the elbow from the origin of arm or carriage, in L [m].
         held: the middle of the limb's joints on the platform, in the world [m].
@@ -108,8 +108,8 @@ class Strut:
 
 
 def strut_forces(geometry: LimbGeometry, limb: LimbBodies, part: LoadedBody) -> Strut:
-    """Moments about the elbow, with the force f at the platform's end and the moment μ n of the
-    elbow: l x × f + μ n = moment, n = y_L × z_S."""
+    """A strut by its moments about the elbow, l x × f + μ n = moment, with the force f at the
+    platform's end and the elbow's moment μ about n = y_L × z_S."""
     R_LS, l = limb.strut.rotation.R, limb.length
     y_S, m = R_LS[1, :].T, part.moment
     n = ca.vertcat(y_S[1], -y_S[0], 0)
@@ -129,14 +129,14 @@ def strut_forces(geometry: LimbGeometry, limb: LimbBodies, part: LoadedBody) -> 
 def bearing_load(
     strut: Strut, driven: LoadedBody, at_elbow: list[tuple[float, ca.SX, int]]
 ) -> tuple[ca.SX, ca.SX]:
-    """Force and moment on arm or carriage by base and drive.
+    """Force and moment that base and drive exert on arm or carriage.
 
-    About the origin of the body's link frame. Rotary: in L, the moment about y is the drive's.
-    Linear: in a frame with y as in L and z up the rail, the force along −z is the drive's.
+    The moment is about the origin of the body's link frame. Rotary: in L, the moment about y is the
+    drive's. Linear: in a frame with y as in L and z up the rail, the force along −z is the drive's.
 
     Args:
         at_elbow: for each strut its distance from the middle along y, the force through its upper
-            end in S, and how many struts that stands for.
+            end in S, and the number of struts that it represents.
     """
     R_LD = driven.body.rotation.R
     force, moment = driven.inertial_force, R_LD @ driven.moment
@@ -157,10 +157,10 @@ class Bar:
     """The telescope bar.
 
     Attributes:
-        channels: forces and torques of the universal joints on the bar, in its frame T, torques
-            about the axis perpendicular to both axes of a joint; and that of the drive on the fork
-            of the joint at the base, about world z.
-        force, torque: of the joint at the platform on the bar, as vectors in the world [N, N m].
+        channels: forces and torques of the universal joints on the bar, in its frame T, each torque
+            about the axis perpendicular to both axes of its joint; and the drive's torque on the
+            fork of the base joint, about world z.
+        force, torque: of the platform joint on the bar, as vectors in the world [N, N m].
     """
 
     channels: list[ForceChannel]
@@ -171,13 +171,15 @@ class Bar:
 def bar_forces(
     length: ca.SX, upper: LoadedBody, lower: LoadedBody, tool: LoadedBody, slide: ca.SX
 ) -> Bar:
-    """Both crosses lie along x of the end effector and y of the bar, so torques go along
-    n = x_E × y_T. The end effector's turn gives the lower one, moments about the upper joint the
-    rest, and the slide the force along the bar.
+    """Forces on the telescope bar.
+
+    Both crosses lie along x of the end effector and y of the bar, so torques act along
+    n = x_E × y_T. The end effector's rotation determines the lower torque, moments about the upper
+    joint the remaining forces, and the slide the force along the bar.
 
     Args:
-        length: distance of the joints [m].
-        slide: force that the slide's motion takes [N].
+        length: distance between the joints [m].
+        slide: force for the slide's motion [N].
     """
     R_WT = upper.body.world_rotation
     n = ca.cross(R_WT.T @ tool.body.world_rotation[:, 0], ca.SX(ca.DM([0, 1, 0])))

@@ -1,15 +1,15 @@
 """Forward dynamics in batches: acceleration, a time step with friction, energy, and motors behind
 elastic gears.
 
-Such a drive has its motor with friction on one side and all bodies on the other. With θ the
-motor's coordinate seen from the joint, I its inertia, k and d the gear's stiffness and damping,
-and x what the gear carries,
+Such a gear has the motor with the drive's friction on one side and all bodies on the other. With
+θ the motor's coordinate in units of the joint, I its inertia, k and d the gear's stiffness and
+damping, and x the torque that the gear carries,
 
     x = k (θ − q) + d (θ̇ − q̇)
     I θ̈ + f(θ̇, x) + x = τ        M_l q̈ + C q̇ + g + passive joints = x
 
-where M_l has no rotors and f is the drives' friction. Friction at rest is that of one joint alone:
-the impulse within its bounds that brings θ̇ nearest to zero.
+where M_l has no rotors and f is the drives' friction. Friction of a motor at rest is the impulse
+within its bounds that brings θ̇ nearest to zero.
 """
 
 from functools import cached_property, lru_cache
@@ -40,9 +40,9 @@ class ForwardDynamics(WithParameters, Plotted):
     """Forward dynamics of a described robot. Arrays have one sample a row; kernels compile on first
     use.
 
-    States are task coordinates and velocities (z, ż): they close the loops exactly. Accelerations
-    solve (1) by a Cholesky factorisation of the mass matrix that is written out in the graph, so
-    where M is not positive definite they are NaN.
+    States are task coordinates and velocities (z, ż), which close the loops exactly. Accelerations
+    solve (1) by a Cholesky factorisation of the mass matrix; where M is not positive definite they
+    are NaN.
 
     Parameters p are optional where they have a default, as in `Dynamics`.
     """
@@ -58,7 +58,7 @@ class ForwardDynamics(WithParameters, Plotted):
     ) -> Samples:
         """z̈ at states (z, ż) under drive torques τ; NaN out of reach.
 
-        A joint at rest has no friction here but its offset: sign(0) = 0, as in inverse dynamics.
+        The friction of a joint at rest is only its offset: sign(0) = 0, as in inverse dynamics.
         """
         return self._acceleration_kernel.rows(z, zd, tau, uniform=self._parameters(p))[0]
 
@@ -100,9 +100,9 @@ class ForwardDynamics(WithParameters, Plotted):
     ) -> tuple[Samples, Samples]:
         """(z, q̇) one time step later under constant torques, friction at rest included.
 
-        The explicit midpoint rule, and at either of its stages the impulses of
-        `task_dynamics.friction_impulses`. Where nothing sticks or lets go it is of second order.
-        Drives that rest keep q̇ = 0 to rounding. NaN out of reach, and where J is singular.
+        The explicit midpoint rule with the impulses of `task_dynamics.friction_impulses` in both
+        stages; of second order where no joint starts or stops sticking. Drives at rest keep q̇ = 0
+        to rounding. NaN out of reach, and where J is singular.
         """
         given = np.append(self._parameters(p), duration)
         z_end, qd_end = self._step_kernel.rows(z, qd, tau, uniform=given)
@@ -166,9 +166,9 @@ class ForwardDynamics(WithParameters, Plotted):
     def ahead(self, z: ca.SX, zd: ca.SX, h: ca.SX) -> ca.SX:
         """Negative where a limb would be stretched within h.
 
-        A pose can turn back there, or go on in the limb's other working mode, which z does not
-        tell apart. The distance to the edge falls to zero with the square of time, so the root of
-        it, s, is linear: s + h ṡ < 0 is r + h ṙ/2 < 0 for r = s².
+        A stretched limb can turn back or go on in its other working mode, and z does not
+        distinguish these. The distance r to the edge falls to zero with the square of time, so its
+        root s is linear in time: s + h ṡ < 0 is r + h ṙ/2 < 0 for r = s².
         """
         m, zd_0 = self.kinematics.mechanism, self.equations.zd
         rate = ca.jacobian(m.reach, m.z) @ zd_0
@@ -178,11 +178,11 @@ class ForwardDynamics(WithParameters, Plotted):
     def velocity_change(self) -> tuple[list[ca.SX], list[ca.SX]]:
         """Change of q̇ over h by forces at one state (z, q̇): inputs and output of a function.
 
-        q̇ and not ż is what goes from step to step, so that a drive at rest stays where it is while
-        others move. The friction's size is that at q̇; at its end the step starts from q̇_0.
+        Steps pass on q̇ instead of ż, so that a drive at rest keeps its position while others move.
+        Friction has its size at q̇ and acts on the speeds that start from q̇_0.
 
-        Where friction depends on load, impulses depend on what gears carry and that on impulses:
-        `ROUNDS` of both, each of which leaves a share μ of the error before.
+        Where friction depends on load, impulses depend on the torques that gears carry, and these
+        on impulses. Each of `ROUNDS` iterations reduces the error to a share μ.
         """
         e, robot = self.equations, self.robot
         qd, qd_0, h = ca.SX.sym("qd", self.dof), ca.SX.sym("qd0", self.dof), ca.SX.sym("h")
@@ -210,7 +210,7 @@ class ForwardDynamics(WithParameters, Plotted):
         """Torques that gears carry: τ without the motors' friction and rotors.
 
         Args:
-            dry: of each joint's friction what is not smooth, as it acts on it.
+            dry: discontinuous part of the friction that acts on each joint.
             acceleration: q̈.
         """
         e, robot = self.equations, self.robot
@@ -245,7 +245,7 @@ def motor_speeds(
     carried: Samples,
     duration: float,
 ) -> Samples:
-    """θ̇ one time step later, under motor torques τ and what gears carry, one state a row."""
+    """θ̇ one time step later, under motor torques τ and carried torques, one state a row."""
     kernel = _motor_kernel(robot.model_dump_json())
     return kernel.rows(speeds, tau, carried, uniform=np.append(p, duration))[0]
 

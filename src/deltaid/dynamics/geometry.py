@@ -1,7 +1,7 @@
 """Slopes of torques by a robot's lengths, its drives' zeros and the direction of gravity.
 
-A recording has drive coordinates q, whatever the geometry is. With torques τ(z, q̇, q̈; g) and
-coordinates q(z; g) of lengths g, and J = ∂q/∂z,
+A recording fixes the drive coordinates q, not z. With torques τ(z, q̇, q̈; g) and coordinates
+q(z; g) as functions of lengths g, and J = ∂q/∂z,
 
     dτ/dg = ∂τ/∂g − ∂τ/∂z J⁻¹ ∂q/∂g,    dτ/dq_0 = ∂τ/∂z J⁻¹.
 """
@@ -24,10 +24,10 @@ from deltaid.mechanism.kinematics import Samples
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.tolerances import Tolerances
 
-# Step of lengths [m] and zeros [rad or m], and turn of gravity [rad]: large against rounding, and
-# so small that no other joint reverses within it.
+# Difference step of lengths [m], of zeros [rad or m] and of gravity's direction [rad]: far above
+# rounding, and so small that no other joint reverses within it.
 _STEP = 1e-6
-# Names of the common and the single errors of torque constants.
+# Names of the common error of all torque constants and of each drive's error.
 CONSTANTS, CONSTANT_OF = "torque constants", "torque constant of"
 
 # Torques of all drives, or channels of a sensor, at some samples.
@@ -39,10 +39,10 @@ class GrownTorques:
     """Torques and drive coordinates of a robot as functions of its lengths and of gravity.
 
     Attributes:
-        numbers: of the symbols of each kind of length.
-        symbols: how many there are.
-        torque: of (z, [q̇, q̈], p, growth, gravity).
-        position: q and J of (z, growth).
+        numbers: indices of the symbols of each kind of length.
+        symbols: number of symbols.
+        torque: τ, function of (z, [q̇, q̈], p, growth, gravity).
+        position: q and J, functions of (z, growth).
     """
 
     numbers: dict[str, tuple[int, ...]]
@@ -52,13 +52,13 @@ class GrownTorques:
 
 
 def grown_torques(robot: RobotDescription, mounted: bool = False) -> GrownTorques:
-    """Torques and drive coordinates of a robot with symbolic lengths, cached; with symbols of the
-    limbs' mounting, or without."""
+    """Torques and drive coordinates of a robot with symbolic lengths, cached; `mounted` adds those
+    of the limbs' mounting."""
     return _grown(robot.model_dump_json(), mounted)
 
 
 class GrownDynamics(Dynamics):
-    """A robot whose lengths exceed the described ones by symbols."""
+    """Dynamics of a robot whose lengths exceed the described ones by symbols."""
 
     def __init__(self, robot: RobotDescription) -> None:
         super().__init__(robot)
@@ -92,10 +92,9 @@ class Error:
     """Effect of one standard deviation of a geometric quantity on torques, or on a sensor.
 
     Attributes:
-        name: what is off, such as 'upper_arm' (of all limbs alike), 'strut of limb 2',
-            'zero of drive1', 'tilt about x'.
-        effect: the torques that the machine has more than the description says, or what its
-            sensor shows more [N m or N].
+        name: the wrong quantity, such as 'upper_arm' (the same error in all limbs), 'strut of
+            limb 2', 'zero of drive1', 'tilt about x'.
+        effect: torques or sensor readings of the machine less those of the description [N m or N].
     """
 
     name: str
@@ -107,7 +106,7 @@ class GeometrySlopes(ABC):
     """Slopes of torques, or of a sensor, along a motion with measured q, by differences.
 
     Attributes:
-        grown: the robot with lengths that may grow.
+        grown: the robot with symbolic lengths.
         z: the motion as described.
         rates: q̇, q̈.
         gravity: as described [m/s²].
@@ -129,11 +128,11 @@ class GeometrySlopes(ABC):
         """Torques, or readings of the sensor."""
 
     def of_length(self, number: int) -> Shown:
-        """Slope by a symbol of the growth [1/m]."""
+        """Slope by one symbol of a length [1/m]."""
         return self.of_growth(np.eye(self.grown.symbols)[number])
 
     def of_growth(self, direction: Float[np.ndarray, " growth"]) -> Shown:
-        """Slope along a direction of the symbols of the growth [1/m or 1/rad]."""
+        """Slope along a direction in the space of all symbols [1/m or 1/rad]."""
         growth, (q, J) = _STEP * direction, self._drives
         later = np.array(self.grown.position(self.z.T, growth)[0]).T
         z = self.z - np.linalg.solve(J, (later - q)[:, :, None])[:, :, 0]
@@ -146,7 +145,7 @@ class GeometrySlopes(ABC):
         return self.of_motion(moved, still, still)
 
     def of_motion(self, q: Samples, qd: Samples, qdd: Samples) -> Shown:
-        """Slope by a change of the drives' positions, speeds and accelerations, per unit of it."""
+        """Slope by a change of the drives' positions, speeds and accelerations, per unit change."""
         z = self.z + _STEP * np.linalg.solve(self._drives[1], q[:, :, None])[:, :, 0]
         rates = self.rates + _STEP * np.hstack([qd, qdd])
         return (self.shown(z, rates, self._no_growth, self.gravity) - self._described) / _STEP
@@ -176,9 +175,9 @@ class TorqueSlopes(GeometrySlopes):
     """Slopes of torques with parameters p [N m/m, N m/rad, …].
 
     Attributes:
-        p: without friction's steps.
-        dry: friction of a passive joint each, which keeps its direction: drives feel it through the
-            joint's place, which changes.
+        p: parameters; of friction only the viscous terms.
+        dry: for each passive joint a vector of its other friction terms. This friction keeps its
+            direction, but its effect on the drives changes with the joint's position.
     """
 
     p: Parameters
@@ -256,7 +255,7 @@ def torque_slopes(
 
 
 def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes) -> Iterator[Error]:
-    """Errors of a length that all limbs share, and of each limb alone."""
+    """Errors of a length: one that all limbs share, and one of each limb."""
     by_symbol: dict[int, Shown] = {}  # base and platform share their tolerance
     for name, numbers in slopes.grown.numbers.items():
         size = by.of_length(name)
@@ -273,7 +272,7 @@ def _of_lengths(robot: RobotDescription, by: Tolerances, slopes: GeometrySlopes)
 
 
 def _of_constants(robot: RobotDescription, by: Tolerances, torque: Shown) -> Iterator[Error]:
-    """Errors of torque constants, common and of each drive."""
+    """Errors of torque constants: a common one, and one of each drive."""
     if not by.torque_constants:
         return
     yield Error(CONSTANTS, by.torque_constants * torque)

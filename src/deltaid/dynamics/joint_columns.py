@@ -1,23 +1,22 @@
 """Joint torques besides rigid bodies: friction, springs and rotors, each one column of Y.
 
 A column's generalised force is its coefficient times e(ϑ, ϑ̇, ϑ̈, load) ∂ϑ/∂q with the coordinate ϑ
-of its joint (eqs. (6) and (7) for viscous and Coulomb friction). A new kind of column is one class
-here.
+of its joint (eqs. (6) and (7) for viscous and Coulomb friction). Each kind of column is a class of
+this module.
 
-Friction that depends on load: a gear loses a share of what it carries.
+Load-dependent friction: a gear loses a share of the torque that it carries. With the torque x that
+a drive's gear carries on the link's side, the drive's torque without its motor's own friction and
+rotor,
 
-With the torque x that the gear of a drive carries on its link's side, that is the drive's torque
-without its motor's own friction and rotor,
+    τ = x + f(q̇) + I_r q̈ + μ sign(q̇) |x|,    x = M_l q̈ + C q̇ + g + passive joints.
 
-    τ = x + f(q̇) + I_r q̈ + μ sign(q̇) |x|,    x = M_l q̈ + C q̇ + g + what passive joints take.
-
-So inverse dynamics has τ by one line more. Forward dynamics knows τ and not x: losses ℓ = μ
-sign(q̇) |x| slow the drives down by G ℓ, G = M⁻¹, of which the rotors feel I_r G ℓ, so that
+Inverse dynamics evaluates this directly. Forward dynamics is given τ instead of x: losses ℓ = μ
+sign(q̇) |x| change accelerations by −G ℓ, G = M⁻¹, and rotor torques by −I_r G ℓ, so that
 
     x = x⁰ − (1 − I_r G) ℓ
 
-with x⁰ for no losses. With |μ| < 1 there is exactly one solution, because (1 ± μ) M_l + I_r is
-positive definite whatever the signs.
+with x⁰ the solution without losses. For |μ| < 1 the solution is unique, because (1 ± μ) M_l + I_r
+is positive definite for all signs.
 """
 
 from abc import ABC, abstractmethod
@@ -41,8 +40,8 @@ class JointMotion:
 
     Attributes:
         position, speed, acceleration: ϑ, ϑ̇, ϑ̈ [rad or m, and per s, per s²].
-        load: torque or force that its drive's gear carries; zero in a joint without one.
-        sign: of the speed, or a smooth stand-in for it.
+        load: torque or force that its drive's gear carries; zero for a joint without a drive.
+        sign: sign function of the speed, or a smooth approximation.
     """
 
     position: ca.SX
@@ -68,11 +67,11 @@ class JointColumn(ABC):
 
     @abstractmethod
     def effort(self, motion: JointMotion) -> ca.SX:
-        """e: torque or force that the motion takes for a unit coefficient."""
+        """e: torque or force that the motion requires for a unit coefficient."""
 
     @abstractmethod
     def describe(self, data: dict[str, Any], value: float) -> None:
-        """Set the coefficient in a description, as keys and values."""
+        """Set the coefficient in a description's plain data."""
 
     def potential(self, position: ca.SX) -> ca.SX:
         """Energy that a unit coefficient stores [J]."""
@@ -110,7 +109,7 @@ class SpringColumn(JointColumn):
 
 @dataclass(frozen=True)
 class RotorColumn(JointColumn):
-    """Inertia of motor and gear, reduced to their drive, e = ϑ̈."""
+    """Inertia of motor and gear, reduced to the drive's coordinate, e = ϑ̈."""
 
     inertia: ClassVar[float] = 1.0
 
@@ -146,7 +145,7 @@ def joint_columns(robot: RobotDescription) -> tuple[JointColumn, ...]:
 
 
 def friction_columns(terms: Iterable[FrictionTerm]) -> tuple[FrictionColumn, ...]:
-    """Friction columns, one a term."""
+    """Friction columns, one for each term."""
     return tuple(FrictionColumn(term.joint, term.parameter, term) for term in terms)
 
 
@@ -160,7 +159,7 @@ def with_load_friction(
     """τ of a motion, from the torque without load-dependent friction.
 
     Args:
-        torque: everything else.
+        torque: τ without load-dependent friction.
         speed: q̇, or the direction in which friction acts.
         acceleration: q̈.
         p: the parameters.
@@ -174,7 +173,7 @@ def with_load_friction(
 def carried(
     robot: RobotDescription, torque: ca.SX, speed: ca.SX, acceleration: ca.SX, p: ca.SX
 ) -> ca.SX:
-    """x: torques without the drives' own friction and rotors; `torque` excludes load-dependent
+    """x: torques without the drives' friction and rotors; `torque` excludes load-dependent
     friction."""
     x, none = ca.SX(torque), ca.SX(0)
     for k, i, column in columns_of_drives(robot):
@@ -203,7 +202,7 @@ def losses(robot: RobotDescription, x: ca.SX, response: ca.SX, speed: ca.SX, p: 
 
     Args:
         x: x⁰ of all drives.
-        response: G, accelerations of all drives for torques at those.
+        response: G, accelerations of all drives for unit torques at the drives with losses.
         speed: q̇.
         p: the parameters.
     """
@@ -211,7 +210,7 @@ def losses(robot: RobotDescription, x: ca.SX, response: ca.SX, speed: ca.SX, p: 
     at, share = [i for i, _ in pairs], ca.vertcat(*(share for _, share in pairs))
     response_at = ca.SX.eye(len(at)) - ca.diag(inertia[at]) @ response[at, :]
     start = load = x[at]
-    # Newton steps on the signs of the loads: one a sign, and a last one, which is exact.
+    # Newton steps on the signs of the loads: one for each sign, and a last one, which is exact.
     for _ in range(1 + len(at)):
         # No ca.sign: exports may replace the sign of a speed by a smooth function.
         side = 1 - 2 * (load < 0)

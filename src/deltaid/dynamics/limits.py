@@ -1,4 +1,4 @@
-"""Limits of a robot as numbers within [−1, 1], their use along a motion, and a robot at rest."""
+"""Limits of a robot, scaled to [−1, 1]; their use along a motion, and at rest in many poses."""
 
 import re
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ Shares = Float[np.ndarray, "samples limits"]
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit: u(z, ż, z̈) ≤ 1 and, if two-sided, u ≥ −1; |u| is the share of it in use."""
+    """One limit: u(z, ż, z̈) ≤ 1 and, if two-sided, u ≥ −1; |u| is its share in use."""
 
     name: str
     u: ca.SX
@@ -37,7 +37,7 @@ def kind_of_limit(name: str) -> str:
 def kinematic_limits(
     robot: RobotDescription, mechanism: Mechanism, motion: TaskMotion | None = None
 ) -> tuple[Limit, ...]:
-    """All limits of the description except torques; without a motion, those of a pose alone."""
+    """All limits of the description except torques; without a motion, only those of a pose."""
     limits = workspace_limits(robot, mechanism.z)
     limits += _platform_rates(robot, motion) if motion else []
     for i in range(len(robot.drives)):
@@ -45,7 +45,7 @@ def kinematic_limits(
     limits += _joints(robot, mechanism)
     condition = mechanism.condition / robot.largest_condition
     limits.append(Limit("distance from singularity", condition, False))
-    # parallelism of an articulated platform's parts; of a single part it follows from J
+    # An articulated platform's parts must stay parallel; for a single part J implies this.
     if mechanism.hold is not None and robot.platform_turns:
         share = mechanism.hold_condition / robot.largest_condition
         limits.append(Limit("hold of the platform's parts", share, False))
@@ -53,7 +53,7 @@ def kinematic_limits(
 
 
 def workspace_limits(robot: RobotDescription, z: ca.SX) -> list[Limit]:
-    """Limits of the workspace, the first of all limits."""
+    """Limits of the workspace, which come first in `kinematic_limits`."""
     space = robot.workspace
     if isinstance(space, Box):
         names = {"x": "workspace x", "y": "workspace y", "z": "workspace height"}
@@ -181,11 +181,11 @@ class Poses:
     Attributes:
         z: task coordinates [m; rad].
         q: drive coordinates [rad or m].
-        torque: what the drives hold it with: gravity, springs, offsets of friction [N m or N].
+        torque: holding torques of the drives: gravity, springs, offsets of friction [N m or N].
         condition: ‖J‖_F ‖J⁻¹‖_F / δ.
         shares: use |u| of each limit, 1 at the limit, in the order of `AtRest.limits`.
         stands: whether the pose exists: every limb reaches it, and it lies on the home pose's side
-            of singularities. All numbers but z are NaN where it does not.
+            of singularities. Elsewhere all other attributes except z are NaN.
     """
 
     z: Samples
@@ -205,9 +205,9 @@ class AtRest:
     """A robot with parameters p, evaluated at rest.
 
     Attributes:
-        limits: names of all limits that a pose alone can break: those of the workspace first, then
-            the machine's own.
-        of_workspace: how many are the workspace's.
+        limits: names of all limits that a pose alone can break: first those of the workspace, then
+            those of the machine.
+        of_workspace: number of limits of the workspace.
 
     Raises:
         KinematicsError: the robot cannot stand in the middle of its own workspace.

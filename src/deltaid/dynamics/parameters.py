@@ -44,8 +44,8 @@ class ParameterLayout:
     """Names and places of the entries of p (Sec. III B, V C).
 
     Attributes:
-        parameters: one for each entry of p: ten a body, then the coefficients of joints: friction
-            terms by kind and joint, springs, rotor inertias; behind these what a fit adds to them.
+        parameters: one for each entry of p: ten for each body, then the coefficients of joints
+            (friction terms by kind and joint, springs, rotor inertias), then those that a fit adds.
         bodies: body names; body b has the ten entries from 10 b on.
         friction, viscous, coulomb, spring, rotor: slices of the coefficients of these kinds.
     """
@@ -70,8 +70,7 @@ class ParameterLayout:
 
     @cached_property
     def added(self) -> int:
-        """Number of additional entries of a fit, the last ones, that are no parameters of the
-        robot."""
+        """Number of entries that a fit adds at the end and that are no parameters of the robot."""
         return sum(parameter.kind in ADDED for parameter in self.parameters)
 
     @property
@@ -87,7 +86,7 @@ class ParameterLayout:
 
     @property
     def signed(self) -> dict[int, float]:
-        """Coefficients that may be negative (offsets), with a typical size of each."""
+        """Indices of coefficients that may be negative (offsets), with a typical size of each."""
         first = self.coefficients.start
         pairs = enumerate(self.parameters[first:], start=first)
         return {k: parameter.scale for k, parameter in pairs if parameter.signed}
@@ -140,7 +139,7 @@ def stated_spreads(robot: RobotDescription) -> dict[str, float]:
 
 
 def inertia_scale(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:
-    """|p| of one body; m ℓ for a first moment and m ℓ² for an inertia that is zero."""
+    """|p| of one body, with m ℓ in place of zero first moments and m ℓ² of zero inertias."""
     return np.where(p != 0, np.abs(p), inertia_size(p))
 
 
@@ -153,13 +152,14 @@ def inertia_size(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:
 
 
 def prior_parameters(robot: RobotLike) -> Float[np.ndarray, " parameters"]:
-    """p_reg: the description's prior, reduced as its bodies' `free` entries say."""
+    """p_reg: the description's prior, reduced to its bodies' `free` entries."""
     layout = parameter_layout(described(robot))
     return np.array([parameter.prior for parameter in layout.parameters])
 
 
 def least_margin(layout: ParameterLayout, p: Float[np.ndarray, " parameters"]) -> tuple[str, float]:
-    """The body or coefficient closest to inconsistency, and its margin (positive = consistent)."""
+    """Name of the body or coefficient closest to inconsistency, and its margin (positive if
+    consistent)."""
     margins = {body: float(consistency(p[layout.body(body)])) for body in layout.bodies}
     for parameter, value in zip(
         layout.parameters[layout.coefficients], p[layout.coefficients], strict=True
@@ -178,7 +178,7 @@ def with_prior(
     Constant offsets of friction are dropped: their prior is zero in any description.
 
     Raises:
-        DescriptionError: the parameters are not those of a robot that can be.
+        DescriptionError: the parameters are not physically possible.
     """
     layout, data = parameter_layout(robot), robot.model_dump()
     for name in layout.bodies:
@@ -206,7 +206,7 @@ class _Values(BaseModel):
 
 
 def known_parameters(robot: RobotLike) -> Float[np.ndarray, " parameters"] | None:
-    """Parameters of a model; None for a robot, which has those of its prior.
+    """Parameters of a model; None for a robot, which has only a prior.
 
     Raises:
         DescriptionError: a file that holds a model does not hold its parameters as numbers.

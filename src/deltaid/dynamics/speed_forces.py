@@ -1,13 +1,13 @@
 """Forces of bodies and joints on the generalised speeds u of a mechanism.
 
-A force Q on u does the work Qᵀu; on y it is Nᵀ Q with N = ∂u/∂ẏ (`mechanism.speeds`). A body whose
-velocity is (V u, W u) passes a wrench on as Vᵀ force + Wᵀ moment (Jourdain's principle), a joint
-its effort along ∂ϑ/∂y.
+A force Q on u has the power Qᵀu; on y it is Nᵀ Q with N = ∂u/∂ẏ (`mechanism.speeds`). A body with
+the velocity (V u, W u) contributes Vᵀ force + Wᵀ moment (Jourdain's principle), a joint its effort
+along ∂ϑ/∂y.
 
-All of a robot's dynamics comes from `wrench`, Newton's and Euler's laws of one rigid body.
-Everything is linear in the body's ten parameters and, for given ω, in accelerations; so the very
-function that gives the forces of a motion gives mass matrix, Coriolis matrix and gravity when it is
-handed partial velocities, their rates, and −g in place of accelerations.
+All of a robot's dynamics comes from `wrench`, Newton's and Euler's laws of one rigid body. It is
+linear in the body's ten parameters and, for given ω, in accelerations. So the same function gives
+the forces of a motion, and with partial velocities, their rates or −g in place of accelerations,
+the mass matrix, the Coriolis matrix and gravity.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,11 +25,11 @@ from deltaid.robot.description import RobotDescription
 
 @dataclass(frozen=True)
 class Wrench:
-    """Force and moment that a motion takes from a body's joints, one column an acceleration.
+    """Force and moment that a body's motion needs, one column for each acceleration.
 
     Attributes:
         push: m a, in the body's inertial frame L [N].
-        swing: what the rotation adds to it, in the link frame B [N].
+        swing: force due to rotation, in the link frame B [N].
         moment: about the origin of B, in B [N m].
     """
 
@@ -46,7 +46,7 @@ def wrench(
         push   = m a,   swing = ω̇ × mc + ω × (ω × mc),
         moment = mc × Rᵀa + Θ ω̇ + ω × Θ ω.
 
-    With `spin` in place of the second ω, both are bilinear in the two such that partial velocities
+    With `spin` in place of the second ω, both are bilinear in ω and `spin`, and partial velocities
     and their rates give the Coriolis matrix of Christoffel symbols: with Σ = ½ tr(Θ) − Θ,
 
         swing  = ω̇ × mc + ω × (spin × mc),   moment = mc × Rᵀa + Θ ω̇ + Σω × spin.
@@ -75,7 +75,7 @@ class SpeedForces:
     """Forces on the speeds u of a robot, as functions of z, u, u̇ and p.
 
     Args:
-        gravity: in the world, where it is another than the description's.
+        gravity: in the world; that of the description if None.
 
     Attributes:
         p: symbols of the parameters.
@@ -96,7 +96,7 @@ class SpeedForces:
         return fixed(body.R_WL.T) @ self._gravity
 
     def wrench(self, body: MovingBody) -> Wrench:
-        """Wrench of one of `body.count` bodies along the motion, without gravity."""
+        """Wrench that joints exert on one of `body.count` bodies along the motion."""
         turned = body.rotation
         a = body.origin.acceleration - self.gravity(body)
         return wrench(turned.R, self._inertia_of(body), a, turned.alpha, turned.w)
@@ -114,7 +114,7 @@ class SpeedForces:
         return self._sum(self.wrench)
 
     def mass_matrix(self, N: ca.SX) -> ca.SX:
-        """M on y with u = N ẏ, including rotors; only one half is computed."""
+        """M on y with u = N ẏ, including rotors; one triangle is computed and mirrored."""
         M = self._sum(self._mass)
         for k, column in self._coefficients():
             if column.inertia:
@@ -126,7 +126,7 @@ class SpeedForces:
     def coriolis(self, rates: Sequence[tuple[ca.SX, ca.SX]], spins: Sequence[ca.SX]) -> ca.SX:
         """Columns C with forces C ẏ, from Christoffel symbols.
 
-        Rotors have none, because ∂q/∂q is constant.
+        Rotors contribute none, because ∂q/∂q is constant.
 
         Args:
             rates: for each body the rates of its partial velocities, ∂v/∂ẏ in L and ∂ω/∂ẏ in B.
@@ -162,10 +162,10 @@ class SpeedForces:
     def joint_columns(
         self, columns: Sequence[JointColumn], loads: ca.SX, sign: Sign = ca.sign
     ) -> ca.SX:
-        """Columns of joints, each its effort along its joint.
+        """Columns of joints, each with its effort along its joint.
 
         Args:
-            loads: what the drives' gears carry.
+            loads: torques that the drives' gears carry.
         """
         efforts, drives = [ca.SX(self._u.numel(), 0)], self.robot.drives
         for column in columns:
@@ -175,7 +175,7 @@ class SpeedForces:
         return ca.horzcat(*efforts)
 
     def effort(self, name: str) -> ca.SX:
-        """Friction and spring of a passive joint: what its motion takes."""
+        """Torque or force of a passive joint's friction and spring."""
         motion, total = self.joint(name).motion(ca.SX(0)), ca.SX(0)
         for k, column in self._coefficients():
             if column.joint == name:

@@ -4,11 +4,11 @@ With J = ∂q/∂z and the joints' partial velocities R = ∂ϑ/∂z,
 
     M(z) z̈ + h(z, ż) = Jᵀ τ − Rᵀ f(Rż, load),
 
-where h holds Coriolis forces, gravity and springs, and the load is what gears carry. A state (z, ż)
-closes the loops by itself and neither forward kinematics nor J⁻¹ is needed. Drive coordinates
-follow as q(z), J ż, J z̈ + J̇ ż.
+where h holds Coriolis forces, gravity and springs, and the load is the torque that gears carry. A
+state (z, ż) always closes the loops, so neither forward kinematics nor J⁻¹ is needed. Drive
+coordinates follow as q(z), J ż, J z̈ + J̇ ż.
 
-Friction at rest is impulses of all friction joints over one time step, as a graph. Over a step of
+Friction at rest is modelled by impulses of all friction joints over one time step. Over a step of
 length h the friction of joint j gives an impulse λ_j of any size within [−h F_j⁺, h F_j⁻]; F⁺ and
 F⁻ are its friction while it moves forwards and backwards. With the speeds v⁰ that the joints would
 have without friction, and their response A = R M⁻¹ Rᵀ to impulses, the speeds after the step are v
@@ -16,19 +16,18 @@ have without friction, and their response A = R M⁻¹ Rᵀ to impulses, the spe
 
     ½ λᵀ A λ + λᵀ v⁰   over the box.
 
-Its conditions are Coulomb's law: a joint inside its bounds rests, a joint that moves has the bound
-against its motion (Moreau's and Jean's scheme). A is singular where more joints have friction than
-there are drives; v is unique all the same.
+Its optimality conditions are Coulomb's law: a joint inside its bounds rests, a joint that moves is
+at the bound against its motion (Moreau's and Jean's scheme). A is singular if more joints than
+drives have friction; v is still unique.
 
-The minimiser is found without a branch, so that a vector register of states goes through at once:
-1. Start where all drives rest, moved into the box.
-2. A sweep of projected Gauss–Seidel: it lets joints go or holds them.
-3. Newton steps on the joints inside their bounds, as far as the nearest bound: exact once it is
-   known who rests; one step, and one more for each joint that has friction beside the drives.
-Steps 2 and 3 lower the objective, so they cannot run in circles. Five rounds of both reach rounding
-wherever at most one joint beside the drives has friction, as in all robots of the catalogue. With
-two such joints one random case in a thousand keeps an error of some per cent of the impulses of
-that step.
+The algorithm has no branches, so that a vector register evaluates several states at once:
+1. Start with the impulses at which all drives rest, moved into the box.
+2. A sweep of projected Gauss–Seidel starts or stops joints.
+3. Newton steps on the joints inside their bounds, as far as the nearest bound; exact once the set
+   of resting joints is correct. One step, and one more for each passive joint with friction.
+Steps 2 and 3 lower the objective, so they cannot cycle. Five rounds of both reach rounding if at
+most one passive joint has friction, as in all robots of the catalogue. With two such joints one
+random state in a thousand keeps an error of some per cent of the impulses of that step.
 """
 
 from collections.abc import Callable
@@ -50,17 +49,17 @@ class TaskDynamics:
     """Symbolic equations of motion of one robot in task coordinates.
 
     Attributes:
-        z, zd, tau, load, p: inputs; p is laid out as everywhere.
+        z, zd, tau, load, p: inputs; p as in `ParameterLayout`.
         q: drive coordinates.
         J, T: ∂q/∂z and ∂z/∂q.
         J_dot_zd: J̇ ż.
         M: task-space mass matrix, rotors included; δ×δ, symmetric.
         h: Coriolis forces, gravity, springs, rotors; δ.
         R: ∂ϑ/∂z of the friction joints, joints × δ.
-        smooth: friction of each joint that is continuous at rest.
-        friction: all friction of each joint but what depends on load, sign(0) = 0.
+        smooth: part of each joint's friction that is continuous at rest.
+        friction: friction of each joint except load-dependent friction, sign(0) = 0.
         forwards, backwards: size of the friction outside of `smooth` while a joint moves with
-            positive and with negative speed; at rest, the most it can take.
+            positive and with negative speed; bounds of the friction at rest.
         kinetic, potential: energy [J].
     """
 
@@ -155,7 +154,7 @@ class FrictionLaws:
 
 
 def cholesky_solve(A: ca.SX, B: ca.SX) -> ca.SX:
-    """A⁻¹ B for a small symmetric positive definite A, by A = L Lᵀ written out without branches.
+    """A⁻¹ B for a small symmetric positive definite A, by A = L Lᵀ without branches.
 
     NaN where A is not positive definite.
     """
@@ -174,8 +173,8 @@ def cholesky_solve(A: ca.SX, B: ca.SX) -> ca.SX:
     return X
 
 
-# Rounds of an iteration that a graph unrolls. Newton's method and active sets are exact after
-# fewer, and what gears carry errs by the fifth power of a loss.
+# Number of rounds of an unrolled iteration: Newton's method and active sets converge in fewer, and
+# the error of carried torques falls with the fifth power of a gear's loss.
 ROUNDS = 5
 
 
@@ -186,7 +185,7 @@ def friction_impulses(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, drives: int) 
         A: response of the joints' speeds to impulses, symmetric, positive semidefinite.
         v: speeds without friction.
         low, high: bounds of the impulses, low ≤ 0 ≤ high.
-        drives: the first so many joints are drives, whose part of A is regular.
+        drives: number of drives; they are the first joints, and their part of A is regular.
     """
     n = v.numel()
     impulse = ca.SX.zeros(n)
@@ -201,7 +200,7 @@ def friction_impulses(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, drives: int) 
 
 
 def _sweep(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, impulse: ca.SX) -> ca.SX:
-    """Projected Gauss–Seidel: brings each joint in turn to rest, within its bounds."""
+    """Sweep of projected Gauss–Seidel: bring one joint after another to rest within its bounds."""
     impulse = ca.SX(impulse)
     for j in range(v.numel()):
         speed = v[j] + A[j, :] @ impulse
@@ -210,7 +209,7 @@ def _sweep(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, impulse: ca.SX) -> ca.SX
 
 
 def _newton(A: ca.SX, v: ca.SX, low: ca.SX, high: ca.SX, impulse: ca.SX) -> ca.SX:
-    """Newton step that brings all joints inside their bounds to rest, up to the first bound."""
+    """Newton step that brings all joints inside their bounds to rest, up to the nearest bound."""
     n, edge = v.numel(), ROUNDING * (high - low)
     inside = (impulse > low + edge) * (impulse < high - edge)
     free = A * (inside @ inside.T)
