@@ -22,8 +22,8 @@ from deltaid.recording.mapping import MappingLike
 from deltaid.recording.memory import RecordingLike
 from deltaid.shown import Reported, Shown
 
-# Least eigenvalue, as a share of M's own diagonal, of a positive definite M: below it the feedback
-# of a computed torque is a hundred times weaker in one direction than tuned.
+# Least eigenvalue of an M scaled to a unit diagonal that counts as positive definite: below it the
+# feedback of computed torque is a hundred times weaker in one direction than tuned.
 _POSITIVE = 0.01
 
 
@@ -34,10 +34,10 @@ class ControllerRun:
     Attributes:
         controller: its name.
         model: the model's name; empty for a controller that needs none.
-        tracking: what became of it; None where it cannot run.
-        why_not: why not, then.
-        problems: what no one would want on a robot: a limit that cuts, a robot that is lost.
-        ends: the same with loads at the ends of what they may be, by their mass [kg].
+        tracking: the resulting motion; None if it cannot run.
+        why_not: why it cannot run.
+        problems: faults of the resulting motion.
+        ends: tracking with loads two standard deviations off, by mass [kg].
     """
 
     controller: ControllerName
@@ -53,10 +53,10 @@ class Comparison(Shown, Reported):
     """Every controller with every model of a robot, on one plant.
 
     Attributes:
-        conditions: on what.
-        candidates: the models.
-        runs: one a controller and model.
-        problems: what the motion asks of the plant beyond its limits.
+        conditions: plant, motion, drives.
+        candidates: the models by name.
+        runs: one for each controller and model.
+        problems: limits of the plant that the motion itself exceeds.
     """
 
     conditions: Conditions
@@ -85,8 +85,8 @@ def compare_controllers(
 ) -> Comparison:
     """Compare tracking with the prior, the base parameters and the identified model.
 
-    Every controller runs with every model on the plant, all tuned alike: what differs is what they
-    know of the robot. Arguments and errors are those of `simulate`.
+    Every controller runs with every model on the plant. All have the same tuning, so they differ
+    only in their knowledge of the robot. Arguments and errors are those of `simulate`.
     """
     asked = with_options(settings or ControlSettings(), options, "compare_controllers")
     with watched(progress, "compare") as say:
@@ -100,7 +100,7 @@ def candidates(model: ModelLike) -> dict[str, ControlModel]:
     """Prior of the description, base parameters (if the file has them) and consistent model, by
     name: 'prior', 'base parameters', 'identified'.
 
-    A robot at its prior has only that.
+    A robot without a model has only the prior.
     """
     model = load(model)
     vectors = {"prior": prior_parameters(model.robot)}
@@ -112,10 +112,10 @@ def candidates(model: ModelLike) -> dict[str, ControlModel]:
 
 
 def base_vector(model: IdentifiedModel) -> Parameters:
-    """A p with the torques of the base parameters: each at its representative, all else zero.
+    """A p with the torques of the base parameters: each at its representative, all others zero.
 
     Its torques, M and C are those of all p with the same base parameters, but its bodies are not
-    those of a robot.
+    physically possible.
     """
     names = parameter_layout(model.robot).names
     p = np.zeros(len(names))
@@ -135,12 +135,12 @@ def compare(
     models: dict[str, ControlModel],
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[ControllerRun, ...]:
-    """Run all controllers with all models, tuned alike by the mass matrix of the last model.
+    """Run all controllers with all models, all tuned by the mass matrix of the last model.
 
     A controller that needs a mass matrix does not run with a model whose M is not positive definite
-    along the trajectory; base parameters by least squares promise torques only. With a load the
-    last model runs a second time, with its mass known, and all runs are repeated at both ends of
-    what it may be.
+    along the trajectory; least squares of base parameters ensure only torques. With a load the last
+    model runs a second time with the mass known, and all runs are repeated with masses two standard
+    deviations below and above.
 
     Raises:
         KinematicsError: the trajectory is out of reach.

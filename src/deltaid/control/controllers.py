@@ -9,12 +9,12 @@ With the tracking error e = q − q_d, and f the friction of the model:
     Slotine–Li        M(q) q̈_r + C(q, q̇) q̇_r + g(q) + f(q̇_r) − K s            (Slotine, Li 1987)
                       with q̇_r = q̇_d − Λ e, s = q̇ − q̇_r
 
-Friction is that of the desired (or reference) velocity: that of the measured one would switch with
-the noise at rest, and as friction grows with speed, the residual dissipates energy. With the exact
-model these functions of the state never grow beyond the work of disturbances:
-½ eᵀKe + ½ ėᵀM ė for augmented PD and ½ sᵀM s for Slotine–Li, both by Ṁ = C + Cᵀ.
+Friction is that of the desired (or reference) velocity: with the measured one it would switch with
+noise at rest. As friction grows with speed, the difference dissipates energy. With the exact model,
+by Ṁ = C + Cᵀ, only disturbances increase ½ eᵀKe + ½ ėᵀM ė for augmented PD and ½ sᵀM s for
+Slotine–Li.
 
-A model is asked for the left side of (1) with arguments of the controller's.
+A model evaluates the left side of (1) with the arguments of a controller.
 """
 
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ class ControlModel:
         self._kernel = _law(robot.model_dump_json())
 
     def holding(self, mass: float) -> "ControlModel":
-        """The same model with a known point load, a mass [kg] at the tool."""
+        """The same model with a known point mass [kg] at the tool."""
         return ControlModel(self.robot, loaded(self.robot, self.p, point_mass(mass)))
 
     def torque(
@@ -58,11 +58,11 @@ class ControlModel:
     ) -> Samples:  # fmt: skip
         """M(q) a + C(q, q̇) v + g(q) + f(w), with C from Christoffel symbols, ½Ṁ − C skew.
 
-        Friction that depends on load is a share of what gears carry, in the direction of w.
+        Load-dependent friction is a share of the torque that gears carry, in the direction of w.
 
         Args:
             near: task coordinates near those of q, from which forward kinematics iterates.
-            q: where M, C and g are taken; with
+            q: drive coordinates for M, C and g.
             qd: q̇ of C.
             along: v.
             acceleration: a.
@@ -102,7 +102,7 @@ def _law(description: str) -> RowKernel:
     torque = e.M @ acceleration + e.C @ along + e.g + ca.substitute(e.f, e.qd, rubbing)
     torque = with_load_friction(robot, torque, rubbing, acceleration, e.p)
     law = ca.Function("law", [e.z, e.qd, along, acceleration, rubbing, e.p], [torque])
-    # z with q(z) = q by Newton's method on inverse kinematics
+    # Newton step of q(z) = q, by inverse kinematics.
     step = mechanism.z - mechanism.speeds.inverse_jacobian @ (mechanism.q - q)
     pose, move = near, ca.Function("move", [mechanism.z, q], [step])
     for _ in range(ROUNDS):
@@ -112,7 +112,7 @@ def _law(description: str) -> RowKernel:
 
 
 CONTROLLERS: tuple[ControllerName, ...] = get_args(ControllerName)
-# Controllers that need a positive definite mass matrix, not only torques along the desired motion.
+# Controllers that need a positive definite mass matrix, not only torques of the desired motion.
 NEED_MASS_MATRIX = CONTROLLERS[2:]
 
 Gains = Float[np.ndarray, " dof"]
@@ -120,7 +120,7 @@ Gains = Float[np.ndarray, " dof"]
 
 @dataclass(frozen=True)
 class Desired:
-    """A desired motion at some times, one a row.
+    """A desired motion, one time a row.
 
     Attributes:
         z: task coordinates.
@@ -135,10 +135,10 @@ class Desired:
 
 @dataclass(frozen=True)
 class Controller:
-    """A control law by name, with the numbers of its formula.
+    """A control law by name, with the gains of its formula.
 
     Attributes:
-        stiffness: K of PD, one number a drive [N m/rad or N/m].
+        stiffness: K of PD, one number for each drive [N m/rad or N/m].
         damping: D of PD, K of Slotine–Li [N m s/rad or N s/m].
         bandwidth: ω of computed torque, Λ of Slotine–Li [1/s].
     """
@@ -172,9 +172,9 @@ class Controller:
 def tuned(name: ControllerName, mass: Gains, bandwidth: float) -> Controller:
     """A controller whose error decays with two equal poles at −ω, ω = 2π `bandwidth`.
 
-    With m the mean diagonal of M along the motion: K = m ω² and D = 2 m ω; computed torque has
-    ω² and 2ω in front of M; Slotine–Li Λ = ω and K = m ω. Near the desired motion all are then one
-    linear feedback, and what is different is what they know of the robot.
+    With m the mean diagonal of M along the motion: K = m ω² and D = 2 m ω; computed torque has ω²
+    and 2ω with M as a factor; Slotine–Li has Λ = ω and K = m ω. Near the desired motion all then
+    have the same linear feedback and differ only in their knowledge of the robot.
 
     Args:
         mass: m [kg m² or kg].

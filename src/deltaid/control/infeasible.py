@@ -1,8 +1,8 @@
 """Faults of a simulated motion: broken limits, and failures of the controller.
 
 A simulation may succeed with a motion that no robot can run. The motion itself may exceed torque or
-speed of a drive, or leave the workspace; a controller may saturate, or be far from the motion at
-the end. Each fault is reported with its drive, size, time and share of the time.
+speed of a drive, or leave the workspace; a controller may saturate, or end far from the motion.
+Each fault is reported with its drive, size, time and share of the time.
 """
 
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ Signal = Float[np.ndarray, " samples"]
 Kind = Literal[
     "torque", "speed", "acceleration", "range", "saturated", "lost", "branch", "diverged", "turn"
 ]
-# Use from which a limit counts as broken: splines and filters overshoot by rounding.
+# Share of a limit in use from which it counts as broken: splines and filters overshoot slightly.
 _BEYOND = 1.01
 # Share of samples at a limit from which a controller is saturated.
 _SATURATED = 1e-3
 # Distance from the desired motion, as a share of the workspace's smallest half extent, and error of
 # the tool's turn [rad], from which a motion counts as lost.
 _FAR, _TURNED = 0.2, np.pi / 2
-# Instants of the motion that are checked, per second.
+# Instants of the motion that are checked: rate [1/s], and largest number.
 _RATE, _MOST = 500.0, 50_000
 
 
@@ -36,13 +36,14 @@ class MotionProblem:
     """A fault that makes a simulated motion worthless on a robot.
 
     Attributes:
-        kind: what kind of thing.
+        kind: kind of fault.
         what: the drive, or the limit.
         text: a sentence with size, time and share.
         short: the same in a few words, for a table.
-        size: how much: of a limit, as a share of it, 1.2 for a fifth beyond; otherwise in m or rad.
-        time: where it is worst, or where it began [s].
-        share: of the time.
+        size: largest use as a share of the limit, 1.2 for a fifth beyond; without a limit, an error
+            in m or rad.
+        time: when it is worst, or when it begins [s].
+        share: share of the time.
     """
 
     kind: Kind
@@ -102,7 +103,7 @@ def _problem(
     kind: Kind, what: str, text: str, short: str, over: Bool[np.ndarray, " samples"], time: Signal,
     size: Signal | None = None,
 ) -> list[MotionProblem]:  # fmt: skip
-    """A fault with its largest size or its beginning, where there is one."""
+    """A fault with its largest size, or its beginning if it has no size; empty without `over`."""
     if not over.any():
         return []
     k, first = int((over if size is None else size).argmax()), float(time[over.argmax()])
@@ -145,7 +146,7 @@ def of_tracking(plant: Model, result: Tracking) -> tuple[MotionProblem, ...]:
             "lower the gains, or take a slower motion",
         )
         problems += [MotionProblem("lost", "robot", text, short, 1.0, result.ended, float(left))]
-    else:  # beyond a singular pose the same drive motion moves the platform elsewhere
+    else:  # beyond a singular pose the same drive motion moves the platform differently
         sides = np.sign(plant.dynamics.kinematics.regularity(result.z).determinant)
         text = (
             "passed through a singular pose at {first:.4g} s and went on in another assembly mode"

@@ -16,14 +16,13 @@ class ControlSettings:
     """Settings of drives, feedback, gears and load.
 
     Attributes:
-        rate: samples a second of the drives.
+        rate: sampling rate of the drives [1/s].
         bandwidth: of the feedback [Hz].
         encoder: step [rad or m]; 0 for none, 2⁻²⁰ of a turn if None.
         delay: samples from an encoder's reading to its use.
-        current_loop: bandwidth of the drives' current loop [Hz]; torques at once if None.
-        payload: load at the tool of the robot that is moved [kg]; "1.5±0.1" with its standard
-            deviation.
-        elastic_gears: gears wind up by the plant's `gear_stiffness`.
+        current_loop: bandwidth of the drives' current loop [Hz]; no lag if None.
+        payload: load at the plant's tool [kg]; "1.5±0.1" with its standard deviation.
+        elastic_gears: whether gears wind up by the plant's `gear_stiffness`.
 
     Raises:
         DeltaidError: a number is out of bounds.

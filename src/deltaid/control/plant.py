@@ -19,19 +19,18 @@ from deltaid.robot.description import RobotDescription
 
 _NUMBER = r"[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?"
 _PAYLOAD = re.compile(rf"({_NUMBER})(?:\s*(?:±|\+-|\+/-)\s*({_NUMBER}))?\s*(?:kg)?")
-# Limits of a load [kg]; what is beyond is another unit.
+# Least and largest load [kg]; a number outside has another unit.
 LOADS = (1e-6, 1e3)
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A load that the robot holds for some time; it appears and vanishes with the platform's
-    velocity.
+    """A load that the robot holds for some time. Drive speeds do not jump when it starts or ends.
 
     Attributes:
-        p: its ten parameters about the link frame of what carries it.
+        p: its ten parameters about the link frame of the body that carries it.
         start, end: from when and until when [s].
-        body: what carries it; None for EE, or P where there is no EE.
+        body: the body that carries it; None for EE, or P for a robot without EE.
     """
 
     p: Float[np.ndarray, " 10"]
@@ -59,7 +58,7 @@ class Payload:
 
     @property
     def ends(self) -> tuple[float, ...]:
-        """Masses two standard deviations off, none below zero; empty where the mass is exact."""
+        """Masses two standard deviations off, none below zero; empty for an exact mass."""
         if self.std == 0:
             return ()
         return max(self.mass - 2 * self.std, 0.0), self.mass + 2 * self.std
@@ -69,7 +68,7 @@ def as_payload(given: Payload | float | str | None) -> Payload | None:
     """A load from kilograms, or from text such as '1.5±0.1'.
 
     Raises:
-        DeltaidError: it is no mass, or none that a robot carries.
+        DeltaidError: it is no mass, or outside of `LOADS`.
     """
     if given is None or isinstance(given, Payload):
         return given
@@ -93,15 +92,15 @@ def loaded(robot: RobotDescription, p: Parameters, load: Float[np.ndarray, " 10"
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A robot as it is.
+    """The robot that a controller moves.
 
     Attributes:
         model: its bodies and friction.
-        loads: what it holds, and when.
+        loads: loads that it holds, with their times.
         elastic: gears wind up by the description's `gear_stiffness`, with encoders, friction and
             inertia of the motors on the motors' side.
-        ripple: torque that drives lose at their coordinates, as of cogging and of a gear's teeth.
-        damping: of the gears, as a share of what is critical for motor against robot.
+        ripple: torque that drives lose as a function of q, such as cogging.
+        damping: of the gears, as a share of critical damping of motor against robot.
 
     Raises:
         DescriptionError: gears are to wind up, and a drive has no stiffness or no rotor inertia.
@@ -127,11 +126,11 @@ class Plant:
             raise DescriptionError(what, where=self.model.source or robot.name, cure=cure)
 
     def held(self, time: float) -> tuple[Held, ...]:
-        """Loads at a time [s]."""
+        """Loads held at a time [s]."""
         return tuple(load for load in self.loads if load.start <= time < load.end)
 
     def model_at(self, time: float) -> Model:
-        """The model with the loads of a time."""
+        """The model with the loads held at a time [s]."""
         model = self.model
         for load in self.held(time):
             model = model.with_load(load.p, load.body)
@@ -142,16 +141,16 @@ class Plant:
         return replace(self, loads=(Held(point_mass(mass)),))
 
 
-# Longest time step of an elastic gear, as a share of 1/ω of the motor against the robot.
+# Longest time step with elastic gears, as a share of 1/ω of the motor against the robot.
 _OF_A_GEAR = 0.2
 
 
 class Running:
     """State of a plant from sample to sample, as one row.
 
-    Between elastic gears' motors and links, positions of the motors go half a step, speeds a whole
-    one by the springs of then, positions the other half: so without damping a swing neither grows
-    nor dies down.
+    With elastic gears each time step is a leapfrog step: positions advance by half a step, speeds
+    by a whole step with the springs at these positions, positions by the other half. So without
+    damping, oscillations keep their amplitude.
 
     Attributes:
         z: task coordinates; NaN from where the robot left its workspace.

@@ -34,7 +34,7 @@ from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.sensors.robot_sensors import simulated_sensors
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
-# Runs with other loads, by mass [kg].
+# Tracking with other loads, by mass [kg].
 Ends = tuple[tuple[float, Tracking], ...]
 
 
@@ -43,11 +43,11 @@ class Conditions:
     """Conditions of a simulation: models, motion, drives.
 
     Attributes:
-        model: what the controller knows.
-        plant: the robot it runs on, without the load.
-        motion: to be followed; `path` is its name.
+        model: of the controller.
+        plant: the robot that it moves, without the load.
+        motion: the desired motion; `path` is its name.
         bandwidth: of the feedback [Hz].
-        payload: what the tool holds; None for nothing.
+        payload: load at the tool, if any.
         warnings: about the motion's file.
     """
 
@@ -85,11 +85,11 @@ class Simulation(Shown, Plotted, Tabled, Reported):
 
     Attributes:
         controller: its name.
-        conditions: on what.
-        tracking: the motion as it was desired and as it became.
-        problems: what no one would want on a robot, of the motion and of how it was followed.
+        conditions: models, motion, drives.
+        tracking: the desired and the resulting motion.
+        problems: faults of the desired and of the resulting motion.
         payload_known: whether the controller knows the mass of the load.
-        ends: the same with loads at the ends of what they may be, by their mass [kg].
+        ends: tracking with loads two standard deviations off, by mass [kg].
     """
 
     controller: ControllerName
@@ -125,7 +125,7 @@ class Simulation(Shown, Plotted, Tabled, Reported):
         """Motion and torques with the default names of a log, sensor readings, and the desired
         motion.
 
-        It ends where the robot was lost, so that it can be read as a log.
+        It ends where the robot left its workspace, so that it can be read as a log.
         """
         result, task = self.tracking, self.tracking.task.names
         columns = {"t": result.time} | numbered(q=result.q, tau=result.tau)
@@ -153,23 +153,23 @@ def simulate(
     progress: Watch = None,
     **options: Any,
 ) -> Simulation:
-    """Follow a motion with a controller that knows `model`, on a robot that may be another one.
+    """Simulate a controller that knows `model` along a motion of a robot, which may differ from it.
 
-    Friction at rest, torque limits, encoder steps and sampling are simulated. A robot stands for
-    its prior.
+    Friction at rest, torque limits, encoder steps and sampling are simulated. A robot without a
+    model has its prior parameters.
 
     Args:
         motion: a file of `deltaid excite`, a recording, or a motion in memory.
-        plant: the robot it runs on; that of the model if None.
-        payload_known: whether the controller knows its mass.
+        plant: the robot that the controller moves; that of `model` if None.
+        payload_known: whether the controller knows the mass of the load.
         columns: of a recording, if not the default ones.
-        duration: of a motion in memory [s], if not its own.
+        duration: of a motion in memory [s]; one period, or to its end, if None.
         settings: of drives, feedback and load.
-        progress: as of `identify`.
+        progress: as in `identify`.
         options: single settings by name, such as `rate=500`.
 
     Raises:
-        DeltaidError: there is no such setting or controller, a number is out of bounds, or the
+        DeltaidError: a setting or controller does not exist, a number is out of bounds, or the
             plant's drives are not those of the model.
         RecordingError: the motion's file cannot be used.
         KinematicsError: the motion leaves the plant's reach, or the model's.
@@ -202,7 +202,7 @@ def conditions(
     duration: float | None,
     progress: Progress,
 ) -> Conditions:
-    """Conditions of `simulate` and `compare_controllers`; arguments as there."""
+    """Conditions of `simulate` and `compare_controllers`, from their arguments."""
     step = ENCODER_STEP if asked.encoder is None else asked.encoder
     drives = Drives(asked.rate, step, asked.delay, current_loop=asked.current_loop or np.inf)
     held, known = as_payload(asked.payload), load(model)

@@ -1,8 +1,8 @@
 """Motion of a robot under torques: by an adaptive solver, or in time steps with friction at rest.
 
-Friction that jumps at rest is no differential equation: a solver with error control stops there or
-chatters. So there are two ways, and neither takes the other's place unasked: `integrate` for robots
-whose friction is continuous, `step_through` for all.
+With friction that jumps at rest, a solver with error control stops or chatters. So `integrate` is
+for robots whose friction is continuous, and `step_through` for all; neither replaces the other
+automatically.
 """
 
 import math
@@ -22,13 +22,13 @@ from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import as_rows, real_numbers
 from deltaid.shown import Shown
 
-# Torques by time and the drives' q and q̇, one state a row.
+# Torques as a function of time and the drives' q and q̇, one state a row.
 Torque = Callable[[float, Samples, Samples], Samples]
 History = Float[np.ndarray, "times states dof"]
 
-# Relative error of a step, and absolute (m, rad, and per s) but for rounding: energy stays within
-# 1e-10 over ten seconds. Measured for 10 s of a Delta: DOP853 0.2 s, LSODA 0.2 to 0.6 s and less
-# accurate, CVODES (Adams) 0.08 s, but with neither batches nor torques from Python.
+# Relative error of a step; the absolute one (m, rad, and per s) is rounding. Energy then stays
+# within 1e-10 over ten seconds. Run times for 10 s of a Delta: DOP853 0.2 s; LSODA 0.2 to 0.6 s,
+# less accurate; CVODES (Adams) 0.08 s, but without batches or torques from Python.
 _RELATIVE = 1e-10
 # Longest time step [s]: half a millimetre at the speed of a fast robot, below what any drive's
 # controller resolves.
@@ -37,11 +37,11 @@ LONGEST_STEP = 2.5e-4
 
 @dataclass(frozen=True, repr=False)
 class StatePath(Shown):
-    """States over time: one slice a time, one row an initial state, of a vector too.
+    """States over time: one slice for each time, one row for each initial state, even a single one.
 
     Attributes:
         time: [s].
-        z, zd: task coordinates and velocities; NaN from where a robot left its workspace.
+        z, zd: task coordinates and velocities; NaN after a robot left its workspace.
     """
 
     time: Float[np.ndarray, " times"]
@@ -64,12 +64,12 @@ def integrate(
 ) -> StatePath:
     """Integrate the equations of motion from one or many initial states.
 
-    All states go through one call of an eighth-order Runge–Kutta method (DOP853) and share its
-    steps.
+    One call of an eighth-order Runge–Kutta method (DOP853) integrates all states with common steps.
 
     Raises:
         DeltaidError: friction jumps at rest with these parameters.
-        KinematicsError: a limb gets stretched; with the time. Or states have a wrong shape.
+        KinematicsError: a limb becomes stretched, at the time in the message; or states have a
+            wrong shape.
     """
     z, zd = as_rows(forward.dof, z=z, zd=zd)
     time = real_numbers(time, "time").astype(float)
@@ -117,8 +117,8 @@ def step_through(
 ) -> StatePath:
     """Motion from one or many states under torques that are held for 1/rate, as by drives.
 
-    Within it there are as many steps of `ForwardDynamics.step` as keep each below `LONGEST_STEP`.
-    A robot with a limb that gets stretched is NaN from there on; the others go on.
+    Each sample is divided into steps of `ForwardDynamics.step` of at most `LONGEST_STEP`. States
+    are NaN once a limb becomes stretched; other rows continue.
 
     Raises:
         KinematicsError: states have a wrong shape.

@@ -1,15 +1,15 @@
 """Motions for controllers, a sampled controller on a plant, and tracking errors.
 
-Motions are those of a file, of samples, or in memory. A controller runs sample by sample, as a
-drive runs it. At each sample k of period T the drive reads its encoders, and the torque that it
-computes is held until the next one:
+Motions come from a file, from samples, or from memory. A controller runs sample by sample, as in a
+drive: at each sample k of period T the drive reads its encoders and computes a torque, which it
+holds until the next sample:
 
 1. q_m = q(t_k) rounded to encoder steps; e = q_m − q_d(t_k).
-2. ė = the difference of e over T through a first-order low-pass. Differentiating e and not q_m
-   leaves no lag where the motion is followed.
-3. Both are `delay` samples old when the law sees them.
-4. The law is evaluated at the middle of the time for which its torque will be held, with the
-   desired motion of then, q = q_d + e and q̇ = q̇_d + ė; torques are cut to the drives' limits.
+2. ė = the difference of e over T through a first-order low-pass. Differentiating e instead of q_m
+   causes no lag while the motion is followed.
+3. The law uses e and ė `delay` samples later.
+4. The law is evaluated for the middle of the interval in which its torque is held, with q_d and q̇_d
+   of this time, q = q_d + e and q̇ = q̇_d + ė; torques are cut to the drives' limits.
 """
 
 from collections.abc import Callable
@@ -39,7 +39,7 @@ from deltaid.recording.planned import motion_of, planned
 from deltaid.recording.time.doubts import restarted
 from deltaid.robot.limits import Task
 
-# Spline degree: q̈ is smooth.
+# Degree of splines, so that q̈ is smooth.
 _DEGREE = 5
 
 
@@ -48,7 +48,7 @@ class MotionTrajectory:
     """A Fourier motion or a run from rest to rest, in memory.
 
     Attributes:
-        duration: how much of it is to be followed [s].
+        duration: length of the part to follow [s].
     """
 
     kinematics: Kinematics
@@ -66,13 +66,13 @@ class MotionTrajectory:
 
 
 class SampledTrajectory:
-    """Samples of drive coordinates, joined by a spline of fifth degree.
+    """Samples of drive coordinates, interpolated by a spline of fifth degree.
 
     Args:
-        time: evenly spaced or not, at least six [s].
-        q: drive coordinates there.
+        time: at least six times, evenly spaced or not [s].
+        q: drive coordinates at these times.
 
-    Velocities and accelerations are the spline's own, so that all three agree.
+    Velocities and accelerations are derivatives of the spline, so that all three agree.
     """
 
     def __init__(
@@ -103,11 +103,11 @@ def open_trajectory(
 ) -> tuple[SampledTrajectory, Log]:
     """The motion of a file: of `deltaid excite`, or of a recording.
 
-    A file with velocities and accelerations is taken as it is. Positions alone are low-passed: an
-    end at rest goes on at rest; one that moves is shorter by the filter's length.
+    A file with velocities and accelerations is used unchanged. Positions alone are low-passed: an
+    end at rest is continued at rest; an end in motion is cut by the filter's length.
 
     Raises:
-        RecordingError: the file cannot be used, its time starts again, or it has too few samples.
+        RecordingError: the file cannot be used, its time restarts, or it has too few samples.
     """
     log = open_log(path, kinematics, mapping, need_torque=False)
     seen, cause, _ = restarted(log.clock, log.table, log.columns.time.column)
@@ -131,7 +131,7 @@ def open_trajectory(
 
 # Resolution of a common encoder, 20 bits a turn [rad].
 ENCODER_STEP = 2 * np.pi / 2**20
-# Model of a controller: constant, or by time [s].
+# Model of a controller: constant, or a function of time [s].
 Knowledge = ControlModel | Callable[[float], ControlModel]
 
 
@@ -140,12 +140,12 @@ class Drives:
     """Electronics of the drives.
 
     Attributes:
-        rate: samples a second.
+        rate: sampling rate [1/s].
         encoder_step: resolution of a measured coordinate [rad or m]; 0 for exact ones.
         delay: samples from an encoder's reading to its use.
         velocity_cutoff: of the low-pass on differences, as a share of the rate.
-        current_loop: its bandwidth [Hz], of a first-order lag from the torque that is asked for to
-            the one that the motor gives; infinite for none.
+        current_loop: bandwidth [Hz] of the first-order lag from the commanded to the actual torque;
+            infinite for none.
     """
 
     rate: float = 1000.0
@@ -157,11 +157,11 @@ class Drives:
 
 @dataclass(frozen=True)
 class TrackingError:
-    """Tracking errors and torques, up to the end of the motion or the loss of the robot.
+    """Tracking errors and torques, until the motion ends or the robot leaves its workspace.
 
     Attributes:
         drive_rms, drive_max: of q − q_d [rad or m].
-        platform_rms, platform_max: distance of the platform point from where it should be [m].
+        platform_rms, platform_max: distance of the platform point from its desired position [m].
         turn_rms, turn_max: of ψ − ψ_d [rad]; None for a robot that does not turn its tool.
         torque_rms, torque_max: of the torques applied [N m or N].
         saturated: share of the samples at which a limit cut a drive's torque.
@@ -185,11 +185,11 @@ class Tracking:
     Attributes:
         time: [s].
         q_desired, z_desired, q, z: drive and task coordinates; q and z are NaN after `ended`.
-        tau: torques that were applied.
-        saturated: where a limit cut them.
+        tau: applied torques.
+        saturated: whether a limit cut a drive's torque.
         ended: when the robot left its workspace [s]; None if it did not.
-        task: what z consists of.
-        qd: velocities of the drives, as q.
+        task: components of z.
+        qd: velocities of the drives.
     """
 
     time: Float[np.ndarray, " samples"]
@@ -210,7 +210,7 @@ class Tracking:
 
     @property
     def platform_error(self) -> Float[np.ndarray, " samples"]:
-        """Distance of the platform point from where it should be [m]."""
+        """Distance of the platform point from its desired position [m]."""
         return np.linalg.norm((self.z - self.z_desired)[:, self.task.moves], axis=1)
 
     @property
@@ -221,12 +221,12 @@ class Tracking:
 
     @cached_property
     def valid(self) -> Bool[np.ndarray, " samples"]:
-        """Samples before it ended."""
+        """Whether a sample is before `ended`."""
         return self.time < (np.inf if self.ended is None else self.ended)
 
     @property
     def error(self) -> TrackingError:
-        """Tracking errors and torques, up to where it ended."""
+        """Tracking errors and torques of the valid samples."""
         valid, tau = self.valid, self.tau[self.valid]
         drives, platform = self.drive_error[valid], self.platform_error[valid]
         turn = None if self.turn_error is None else self.turn_error[valid]
@@ -253,8 +253,8 @@ def track(
     """Run a controller that knows `model` on a robot `plant` along a trajectory, from its start.
 
     Args:
-        model: what the controller knows; a function of time where that changes, as when it learns
-            of a load.
+        model: model of the controller; a function of time if it changes, as when the controller
+            learns of a load.
 
     Raises:
         KinematicsError: the trajectory is out of the plant's reach, or of the model's.
@@ -285,7 +285,7 @@ def track(
         wanted[k] = controller.torque(known(float(time[k])), *measured, now)[0]
         torques[k] = np.clip(wanted[k], -limits, limits)
         running.hold(torques[k : k + 1], float(time[k]))
-    # A controller may lose the robot one sample earlier, because its model has lengths of its own.
+    # A controller may lose the robot one sample earlier, because its model has other lengths.
     lost = np.flatnonzero(~(np.isfinite(path).all(axis=(0, 2)) & np.isfinite(wanted).all(axis=1)))
     return Tracking(
         time=time,
@@ -313,7 +313,7 @@ def gains(
 
 
 def poses(trajectory: Trajectory) -> Samples:
-    """Drive coordinates along a trajectory for checks of M, one block of a kernel."""
+    """Drive coordinates along a trajectory for checks of M, as many as one block of a kernel."""
     return trajectory.desired(np.linspace(0.0, trajectory.duration, BLOCK)).q
 
 
