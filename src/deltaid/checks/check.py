@@ -47,21 +47,21 @@ def check(
     """Check a robot's description and recordings of it before they are used.
 
     Args:
-        robot: a description, or what has one: a catalogue name, a file of a robot or of a model.
-        logs: none, one recording or a sequence of them, as for `identify`. Each is judged by
-            itself; their columns, and the parameters that they determine, together.
-        columns: names and units of their columns, if not the default ones, and loads that are
-            held: one mapping for all recordings, or one each.
-        settings: of the fit that is judged, by value or as a dictionary.
-        progress: called with a sentence before each stage; or whether to show them, None for where
-            someone is watching.
+        robot: a description, a catalogue name, or a file of a robot or of a model.
+        logs: none, one recording or a sequence of them, as for `identify`. Each is judged alone,
+            but columns, and the parameters that recordings determine, are judged together.
+        columns: names and units of their columns, if not the default ones, and held loads: one
+            mapping for all recordings, or one for each.
+        settings: of the judged fit, by value or as a dictionary.
+        progress: called with a sentence before each stage; or whether to show these sentences,
+            None for only in a notebook or at a prompt.
         options: single settings by name, such as `cutoff=30`.
 
     Returns:
         Verdicts, a tuple in the order of the checks; with several recordings each names its own.
 
     Raises:
-        DescriptionError: there is no such robot, or its file does not describe one.
+        DescriptionError: the robot does not exist, or its file does not describe one.
         RecordingError: a recording cannot be read at all.
     """
     with watched(progress, "check") as say:
@@ -106,7 +106,8 @@ def check(
 
 
 def _in_metres(robot: RobotLike) -> Verdict | None:
-    """The verdict on a file with lengths in millimetres that describe no robot; else None."""
+    """The verdict on a robot file that fails to load because its lengths are in millimetres; else
+    None."""
     try:
         data = as_written(robot)
         verdict = checked_lengths(data)
@@ -119,8 +120,8 @@ def _in_metres(robot: RobotLike) -> Verdict | None:
 def of_robot(
     robot: RobotDescription, *, quick: bool = False, recorded: bool = False
 ) -> tuple[Verdict, ...]:
-    """Verdicts on a description. The workspace is skipped if `quick`, or if something is wrong
-    already; missing limits matter when a motion is planned, not once it is recorded."""
+    """Verdicts on a description. `quick`, or a wrong verdict, skips the workspace; `recorded` skips
+    missing limits, which matter only for planning a motion."""
     judged = [checked_lengths(as_written(robot)), checked_friction(robot), checked_limits(robot)]
     if recorded and judged[-1].grade is not Grade.GOOD:
         del judged[-1]
@@ -134,8 +135,8 @@ def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> 
     """All verdicts on a recording, those on its columns first. Information is judged here only for
     a single recording; several complement each other.
 
-    An error of survey or fit becomes a verdict where no check explains it. Lost readings explain
-    themselves: other checks take them for a fast motion.
+    An error of survey or fit becomes a verdict unless a check explains it. Lost readings are judged
+    alone: other checks take them for a fast motion.
     """
     is_lost = isinstance(record.setup, LostReadingError)
     judged = [] if is_lost else [*wiring, *checked_signals(record)]

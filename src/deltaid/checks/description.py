@@ -203,7 +203,7 @@ def checked_limits(robot: RobotDescription) -> Verdict:
 
 
 def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
-    """Verdicts on reach, limits of pose and holding torque over the workspace."""
+    """Verdicts on reach, limits of a pose and holding torque over the workspace."""
     dynamics = compiled(description)
     try:
         robot = AtRest(dynamics, prior_parameters(dynamics.robot))

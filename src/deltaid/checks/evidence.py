@@ -140,7 +140,7 @@ class Evidence:
 
     @property
     def written_mapping(self) -> dict[str, Any]:
-        """Plain data of the mapping, with columns that are read under their default names."""
+        """Plain data of the mapping, including columns with default names."""
         written = self.mapping.model_dump(mode="json", exclude_unset=True)
         for quantity in QUANTITIES:
             if getattr(self.mapping, quantity) is None and getattr(self.columns, quantity):

@@ -73,22 +73,22 @@ def identify(
 ) -> Judged:
     """Identify a robot's dynamic parameters from recordings of the same machine.
 
-    Checks of `deltaid.check` come first, of the description and of units and wiring: what they
-    call wrong is refused in their words. Signals, information and what the fit leaves are judged
-    after it. What is not good stands in `model.warnings`, before anything else that does.
+    Checks of `deltaid.check` come first: a wrong description, wrong units or wrong wiring are
+    refused with the message of their verdict. Signals, information and the residual of the fit are
+    judged after it. Verdicts that are not good come first in `model.warnings`.
 
     Args:
-        robot: the description with geometry, priors and reductions; or what has one, a catalogue
-            name, a file of a robot or of a model.
+        robot: the description with geometry, priors and reductions; or a catalogue name, a file of
+            a robot or of a model.
         logs: one recording or a sequence of them: a log file, a table of polars or pandas, or
             `PreparedRecording.from_arrays`.
-        columns: names and units of their columns, if not the default ones, and loads that are
-            held: one mapping for all recordings, or a sequence with one each (None for the default
-            names). Arrays with units of their own keep these.
+        columns: names and units of their columns, if not the default ones, and held loads: one
+            mapping for all recordings, or a sequence with one for each (None for default names).
+            Arrays with their own units keep these.
         settings: method, regulariser, γ, filter, friction laws; by value or as a dictionary.
-        force: go on with what is wrong, which then stands in the model's warnings.
-        progress: called with a sentence before each stage; or whether to show them, None for where
-            someone is watching.
+        force: continue despite wrong verdicts, which then become warnings of the model.
+        progress: called with a sentence before each stage; or whether to show these sentences,
+            None for only in a notebook or at a prompt.
         options: single settings by name, such as `lag="none"`.
 
     Raises:
@@ -141,8 +141,8 @@ def _first(record: Evidence, judged: tuple[Verdict, ...], force: bool) -> tuple[
 
 
 def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence, force: bool) -> None:
-    """Raise the first wrong verdict as an error, unless forced to go on, with the proposed lines of
-    the mapping or values of the description."""
+    """Raise the first wrong verdict as an error with the proposed lines of the mapping or values of
+    the description, unless `force`."""
     for verdict in () if force else verdicts:
         if verdict.grade is not Grade.WRONG:
             continue

@@ -60,7 +60,7 @@ def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
 def _shape(
     robot: RobotDescription, name: str, k: int, shape: HollowCylinder | PointMass
 ) -> Verdict | None:
-    """The first implausible number of a shape: further ones would repeat it."""
+    """The first implausible number of a shape; others would repeat it."""
     mass, by_density, density = float(shape.parameters()[0]), shape.mass is None, np.nan
     path = f"bodies.{name}.prior[{k}]"
     if isinstance(shape, HollowCylinder):

@@ -97,7 +97,7 @@ def detected_load(study: Study) -> Verdict:
 
 
 def _verdict(cause: Cause, recording: PreparedRecording) -> Verdict | None:
-    """The verdict on an effect; None where a check of its own judges it."""
+    """The verdict on an effect; None where another check judges it."""
     effect = effect_of(cause)
     if not isinstance(effect, DescribedEffect):
         return None
