@@ -72,7 +72,7 @@ COMMANDS = {
 
 
 def _paragraphs(text: str) -> str:
-    """One line a paragraph: the terminal breaks them, where the lines of a source would be kept."""
+    """Each paragraph as one line: the terminal would keep line breaks of the source."""
     return "\n\n".join(" ".join(part.split()) for part in cleandoc(text).split("\n\n"))
 
 
@@ -105,10 +105,10 @@ def _options(
 
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
-# Address space of `identify` and `torque` on 1,500 rows, with 2 to 8 threads [B], for libraries and
-# the stacks and heaps of threads; 1.4e9 on one core.
+# Address space [B] that `identify` and `torque` need on 1,500 rows with 2 to 8 threads, for
+# libraries and the stacks and heaps of threads; 1.4e9 on one core.
 _NEEDED = 1.9e9
-# Libraries that retry for ever where they get no threads or memory.
+# Libraries that retry for ever if they get no threads or memory.
 _WITH_THREADS = ("polars", "scipy")
 # Address space that NumPy needs to load [B].
 _LEAST = 4e8
@@ -118,8 +118,8 @@ def _open_streams() -> None:
     """Replace closed streams by the null device, because the next opened file would take their
     place.
 
-    Write UTF-8 into files and pipes, and to terminals at least no error over a Greek letter:
-    Windows would choose a code page without γ for them, and YAML and JSON are UTF-8 anyway.
+    Files and pipes get UTF-8, as YAML and JSON require: on Windows the default code page has no γ.
+    Terminals keep their encoding, with a replacement for unknown characters.
     """
     for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
@@ -150,7 +150,7 @@ def _written_output() -> Generator[None, None, None]:
         is_unread = isinstance(error, BrokenPipeError)
         if not is_unread and (error.errno not in _FULL or error.filename is not None):
             raise
-        with suppress(OSError):  # Python would write the rest again at its end
+        with suppress(OSError):  # Python would write the rest again when it exits
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if is_unread:
             raise
@@ -163,12 +163,12 @@ def _written_output() -> Generator[None, None, None]:
 
 
 class EndedError(BaseException):
-    """A signal, given by its number, asks the process to end."""
+    """Request to end the process by a signal; its argument is the signal's number."""
 
 
 @contextmanager
 def _cleaning_up() -> Generator[None, None, None]:
-    """Turn signals to end into an exception, so that no half-written file stays."""
+    """Turn signals that end the process into an exception, so that no half-written file remains."""
 
     def on_end(number: int, frame: object) -> None:
         raise EndedError(number)
@@ -187,7 +187,7 @@ def _keep_to_address_space() -> None:
     """Prevent imports that fail under a low limit of address space.
 
     Raises:
-        DeltaidError: it is too low for any command; or later, as a library with threads is loaded.
+        DeltaidError: it is too low for any command; or later, when a library with threads loads.
     """
     if sys.platform != "linux":  # other systems have no such limit
         return
@@ -208,13 +208,13 @@ def _keep_to_address_space() -> None:
 
 
 class _Refusal:
-    """An import hook that refuses libraries which would not end."""
+    """An import hook that refuses libraries which would retry for ever."""
 
     def __init__(self, error: DeltaidError) -> None:
         self.error = error
 
     def find_spec(self, name: str, path: object, target: object = None) -> None:
-        """The finder of each import; None leaves it to the next one.
+        """Refuse a module, or return None so that the next finder handles it.
 
         Raises:
             DeltaidError: the module is one of these libraries.

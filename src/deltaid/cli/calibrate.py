@@ -166,7 +166,7 @@ def calibrate(
 
 
 def _wrapped(sentences: "Sequence[str]") -> list[str]:
-    """Lines of terminal width, those of a sentence after its first indented."""
+    """Lines of terminal width; all lines of a sentence except its first are indented."""
     return [
         piece
         for sentence in sentences
@@ -178,7 +178,7 @@ def _wrapped(sentences: "Sequence[str]") -> list[str]:
 
 
 def _open_lines(result: "deltaid.Calibration", room: int) -> list[str]:
-    """Undetermined combinations, the worst first, as far as there is room; one at least."""
+    """Lines on undetermined combinations, the worst first, as many as fit `room`, at least one."""
     lines: list[str] = []
     for k, part in enumerate(result.open):
         more = _wrapped([f"not known: {part.words}"])

@@ -38,9 +38,9 @@ from deltaid.model.verdict import File
 # Exit codes by the most severe verdict; 1 and 2 have their usual meaning.
 EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
 _BELONGS: dict[File, str] = {"robot": "the robot file", "mapping": "the mapping (--columns)"}
-# Endings of the names of both files.
+# Last part of a proposed file's name, by file.
 _ENDS: dict[File, str] = {"robot": "robot", "mapping": "columns"}
-# Units that no log states, as an example each.
+# Example units of quantities, for logs that do not state them.
 _UNITS = {
     "position": "'360/65536 deg' for 65536 counts a turn, and --gear if there is one",
     "torque": "'0.0235 N*m' for a per mille of 23.5 N m",
@@ -106,10 +106,10 @@ def columns(
 
 
 def _unit(text: str) -> tuple[str, str]:
-    """A quantity and its unit.
+    """A quantity and its unit, from text such as 'torque=N*m'.
 
     Raises:
-        DeltaidError: it is neither, or the unit is of something else.
+        DeltaidError: the quantity is unknown, or the unit is not one of this quantity.
     """
     from deltaid.recording.column_meanings import kind_of
 
@@ -132,7 +132,7 @@ def _unit(text: str) -> tuple[str, str]:
 
 
 def _print(proposal: "deltaid.MappingProposal", log: Path) -> None:
-    """The verdict, each quantity with its doubts or reasons, and the next step."""
+    """Print the verdict, each quantity with its doubts or reasons, and the next step."""
     parts = [f"{len(proposal.doubts)} in doubt"] * bool(proposal.doubts)
     parts += [f"missing: {', '.join(proposal.missing)}"] * bool(proposal.missing)
     console.print(styled(f"{log.name}:"), "; ".join(parts) or "certain")
@@ -198,7 +198,7 @@ def check(
     from deltaid.view import check as view
     from deltaid.view.html import write_page
 
-    # Destination of each file if both have proposals.
+    # Destination of each file if there are proposals for both.
     logs, targets = logs or [], {
         file: write.with_name(f"{write.stem}-{end}{write.suffix}")
         for file, end in _ENDS.items()
@@ -282,7 +282,7 @@ def _cures(
 ) -> dict[File, tuple[str, str]]:
     """Proposals for each file: changed keys to paste, and the whole text.
 
-    Of several mappings it is nothing, for they differ.
+    With several mappings only the robot file gets proposals, because the mappings differ.
     """
     from deltaid.checks import verdicts as checks
     from deltaid.checks.evidence import evidence

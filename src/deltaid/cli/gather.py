@@ -98,7 +98,7 @@ def gather(
 
 
 def in_folders(logs: Sequence[Path]) -> list[Path]:
-    """Recordings and factor files; a folder stands for the factor files in it, if there are any."""
+    """Paths with each folder replaced by the factor files in it; a folder without any is kept."""
     from deltaid.fleets.factor_file import ENDING
 
     inside = (sorted(log.glob(f"*{ENDING}")) if os.path.isdir(log) else [] for log in logs)
@@ -124,13 +124,13 @@ def are_factor_files(logs: Sequence[Path]) -> bool:
 
 
 def require_open(given: Mapping[str, bool], report: Path | None) -> None:
-    """Raise for options that gathering has decided, and for a page with samples.
+    """Raise for options that gathering has fixed already, and for a page that needs samples.
 
     Args:
-        given: options, and whether each is another one than by default.
+        given: options, and whether each differs from its default.
 
     Raises:
-        DeltaidError: one is given.
+        DeltaidError: one of these options, or a page, is requested.
     """
     for option, is_given in given.items():
         if is_given:
@@ -150,7 +150,7 @@ def require_open(given: Mapping[str, bool], report: Path | None) -> None:
 def compared(
     model: "deltaid.Model", log: Path, columns: "MappingLike | None", keep_all: bool
 ) -> "deltaid.Validation | tuple[TorqueError, FactorRecord]":
-    """A model compared with a recording, or with what a factor file keeps of it."""
+    """Comparison of a model with a recording, or with its factor file."""
     if not are_factor_files([log]):
         return deltaid.validate(model, log, columns=columns, keep_all=keep_all)
     from deltaid.fleets import factor_file, identify_gathered
@@ -184,7 +184,7 @@ def drift_settings(limit: str | None, false_alarms: float, since: str | None) ->
     """Settings of the search for drift, from options of a command.
 
     Raises:
-        DeltaidError: a limit is no number, or cannot be; there is no such day.
+        DeltaidError: a limit is no number or out of bounds, or a date does not exist.
     """
     from deltaid.fleets.drift_findings import DriftSettings
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from deltaid.identification.prediction import Compared
     from deltaid.identification.torque_error import TorqueError
 
-# Columns too wide for a screen.
+# Names of columns that are too wide for a screen.
 _WIDE = ("unfiltered", "why")
 
 
@@ -20,7 +20,7 @@ def as_dictionary(
     verification: "TorqueError | None",
     log: "Compared | None" = None,
 ) -> dict[str, Any]:
-    """The result as one JSON object; `log` is the recording of the verification."""
+    """The result as data for one JSON object; `log` is the recording of the verification."""
     from deltaid.view.summary import summary
 
     model, layout = result.model, result.model.layout
@@ -89,10 +89,10 @@ def print_result(
     against: str = "",
     full: bool,
 ) -> None:
-    """The verdict, and as many tables as fit a screen.
+    """Print the verdict, and as many tables as fit a screen.
 
     Args:
-        verification, log: torque errors on a recording of another motion, and that.
+        verification, log: torque errors on a recording of another motion, and this recording.
         truth, against: parameters of a simulated robot, and a sentence on the distance from them.
         full: whether to print all tables.
     """

@@ -130,8 +130,8 @@ def identify(
 
     Recordings hold joint positions and motor torques.
     """
-    # Modules create many permanent objects, which garbage collection would scan repeatedly, for a
-    # fifth of the time.
+    # Imports create many permanent objects; scanning them in garbage collection would take a fifth
+    # of the time.
     gc.disable()
     from deltaid.checks.identify import identify as run
     from deltaid.identification.prediction import noted, remarks

@@ -148,10 +148,10 @@ def _draft(
 
 
 def _known_kind(kind: str | None) -> str:
-    """A kind of the list.
+    """The given kind of robot, if it exists.
 
     Raises:
-        DeltaidError: there is none of that name.
+        DeltaidError: no kind has this name.
     """
     if kind in KINDS:
         return str(kind)
@@ -161,7 +161,7 @@ def _known_kind(kind: str | None) -> str:
 
 @dataclass
 class _Terminal:
-    """Asks in a terminal; `title` is that of the present group."""
+    """Questions and answers in a terminal; `title` is the current group of questions."""
 
     title: str = ""
 
@@ -196,9 +196,9 @@ class _Terminal:
 
 
 def _line(prompt: str) -> str:
-    """A typed line.
+    """A line that the user types.
 
-    A library that takes Ctrl-C for itself lets reading go on after it; it must end.
+    Ctrl-C must interrupt reading, even if a library's signal handler has changed this.
     """
     if hasattr(signal, "siginterrupt"):
         signal.siginterrupt(signal.SIGINT, True)
@@ -206,8 +206,8 @@ def _line(prompt: str) -> str:
 
 
 def _write(draft: "Draft", file: Path, report: Path | None) -> None:
-    """Write the description, the schema of its first line, if there is none beside it, and the
-    page; print the state of knowledge and the robot at rest."""
+    """Write the description, the page, and the schema that its first line names unless this exists;
+    print which numbers are assumed, and the robot at rest."""
     from deltaid.dynamics.limits import AtRest
     from deltaid.studio.drafting import interview, text
     from deltaid.studio.drafting.draft import ASSUMED

@@ -41,7 +41,7 @@ def bounded(
     limits: tuple[float, float] = (0.0, math.inf),
     panel: str | None = None,
 ) -> Any:
-    """An option with a number within limits, positive where the lower limit has that meaning."""
+    """An option with a number within limits; without an upper limit the number is positive."""
 
     # Typer identifies a callback's arguments by position where they lack its types.
     def checked(_: Any, parameter: Any, value: float | None) -> float | None:
@@ -53,7 +53,7 @@ def bounded(
     return typer.Option(*names, help=help, callback=checked, rich_help_panel=panel)
 
 
-# Arguments of all commands with a robot, with parameters or without.
+# Arguments of commands with a robot or a model.
 Robot = Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")]
 ModelOrRobot = Annotated[
     str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
@@ -124,5 +124,5 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Names in a list such as 'strut,upper_arm'."""
+    """Names from a list such as 'strut,upper_arm'."""
     return tuple(name.strip() for name in text.split(",") if name.strip())

@@ -25,17 +25,17 @@ from deltaid.files import require_writable, together, write_bytes
 from deltaid.view.page import WIDEST
 from deltaid.view.page import Table as Finished
 
-# Columns of text.
+# Names of columns with text, which are left-aligned.
 _TEXT_COLUMNS = (
     "unit", "from", "robot", "mechanism", "base parameter", "chosen law", "model", "remark", "of",
     "recording", "why", "may change unnoticed", "entries", "parted by any of",
 )  # fmt: skip
-# Columns that wrap in a narrow terminal.
+# Names of columns that wrap in a narrow terminal.
 _WRAPPED_COLUMNS = (
     "robot", "mechanism", "base parameter", "chosen law", "why", "of", "may change unnoticed",
     "entries", "parted by any of", "model", "remark",
 )  # fmt: skip
-# Lines of a result on a usual screen, without those that name written files.
+# Number of lines of a result on a usual screen, without those that name written files.
 SCREEN = 22
 # Grades that begin a verdict on a model.
 _GRADES = ("Good", "Fair", "Poor", "Untested", "Against the truth")
@@ -44,18 +44,18 @@ _STYLES = {
     "error": "bold red", "warning": "yellow", "not feasible": "bold red", "note": "dim",
 }  # fmt: skip
 
-# Control characters that JSON does not escape anyway.
+# Control characters that JSON leaves unescaped.
 _CONTROL = re.compile("[\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 
 class LiteralConsole(Console):
-    """A console that prints text verbatim, whatever names and titles of files hold.
+    """A console that prints text verbatim, whatever names and titles contain.
 
-    Brackets are no markup, and no character commands the terminal. Styles are given as objects.
+    Brackets are not markup, and no character controls the terminal. Styles are given as objects.
     """
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Text as it is shown wherever it stands: in a line, a cell, a title."""
+        """Verbatim text of a line, a cell or a title."""
         options.update(markup=False, emoji=False)
         return super().render_str(visible(text), **options)
 
@@ -65,21 +65,21 @@ error_console = LiteralConsole(stderr=True, highlight=False, soft_wrap=True)
 
 
 def remark(kind: str, *texts: object) -> None:
-    """Print remarks of a kind on standard error, a line each, so that --json stays clean."""
+    """Print remarks of a kind on standard error, one line each, so that --json stays clean."""
     for text in texts:
         error_console.print(styled(f"{kind}:", _STYLES[kind]), str(text))
 
 
 @contextmanager
 def used(model: "deltaid.Model", *, force: bool = False, as_prior: bool = True) -> Generator[None]:
-    """Say what a model is worth that a command uses, where it is not good or was changed by hand.
+    """Warn of a model that a command uses, if it is not good or was changed by hand.
 
     Args:
-        force: whether a poor one may be used.
-        as_prior: whether to say of a robot that it stands for its prior.
+        force: whether a poor model may be used.
+        as_prior: whether to note that a robot without a model has its prior parameters.
 
     Raises:
-        DeltaidError: it is poor, and `force` is not set; before it is used.
+        DeltaidError: the model is poor, and `force` is not set; before it is used.
     """
     if model.identified is None:
         yield
@@ -105,12 +105,12 @@ def used(model: "deltaid.Model", *, force: bool = False, as_prior: bool = True) 
 
 
 def note_prior(model: "deltaid.Model") -> None:
-    """Say of a robot that it stands for its prior."""
+    """Note that a robot without a model has its prior parameters."""
     remark("note", f"{model.source} is a robot: it stands for its prior parameters")
 
 
 def note_planned(model: "deltaid.Model") -> None:
-    """Say of an identified model that a plan is made with it."""
+    """Note that a plan uses the parameters of an identified model."""
     if model.identified is not None:
         remark("note", f"{model.source} is a model: planned with its masses and friction")
 
@@ -156,10 +156,10 @@ def print_found(
     """Print a result: sentences first, then as many tables as fit a screen, or all of them.
 
     Args:
-        lines: the verdict, in plain words, at first.
-        tables: in the order of their worth; one that does not fit is cut.
-        further, details: tables and sentences for those who ask for all.
-        full: whether all is asked for.
+        lines: the verdict in sentences.
+        tables: the most important first; one that does not fit is cut.
+        further, details: additional tables and sentences of the full output.
+        full: whether to print the full output.
     """
     used = 0
     for line in _folded(*lines):
@@ -195,8 +195,8 @@ def _name(finished: Finished) -> str:
 
 
 def _fitting(finished: Finished, lines: int | None) -> tuple[int, int]:
-    """Number of rows of a table that fit so many lines (fewer than two count as none), and their
-    height."""
+    """Number of rows of a table that fit a number of lines (fewer than two count as none), and
+    their height."""
     rows = len(finished.rows)
     while True:
         cut = console.render_lines(table(replace(finished, rows=finished.rows[:rows])))
@@ -212,7 +212,7 @@ def _fitting(finished: Finished, lines: int | None) -> tuple[int, int]:
 def _folded(*sentences: str) -> list[str | Text]:
     """Sentences in lines of a terminal's width; in a file or pipe each stays one line.
 
-    What stands before the first colon of a verdict is in bold.
+    The grade at the start of a verdict is bold.
     """
     width = min(console.width, WIDEST) if console.is_terminal else math.inf
     lines: list[str | Text] = []
@@ -230,7 +230,7 @@ def _folded(*sentences: str) -> list[str | Text]:
 
 
 def table(finished: Finished) -> Table:
-    """A plain table; the first column and those of text are left-aligned, numbers right."""
+    """A plain table; the first column and text are left-aligned, numbers right-aligned."""
     columns, rows = finished.columns, [[visible(cell) for cell in row] for row in finished.rows]
     result = Table(
         title=finished.title, title_justify="left", title_style="bold", box=None, pad_edge=False
@@ -257,10 +257,10 @@ def table(finished: Finished) -> Table:
 
 @contextmanager
 def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
-    """A bar on standard error beside what is being done; nothing when silent or not a terminal.
+    """A progress bar on standard error with the current stage; none if silent or not a terminal.
 
-    It follows words such as 'gathered 3 of 8 recordings'; without numbers it says that work goes
-    on. For a program that watches, the variable DELTAID_PROGRESS=lines asks for a line each.
+    Stages such as 'gathered 3 of 8 recordings' move the bar; without numbers it only shows
+    activity. With the variable DELTAID_PROGRESS=lines each stage is a printed line, for programs.
     """
     if os.environ.get("DELTAID_PROGRESS") == "lines":
         yield lambda text: error_console.print(f"progress: {text}")
@@ -295,7 +295,7 @@ def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Pat
     other.
 
     Args:
-        inputs: names of files, of robots in the catalogue, or None for what is not given.
+        inputs: names of files or of robots in the catalogue; None for one that is not given.
         files: by option, such as '--output'; that of '--report' must be a page.
     """
     given = [Path(name) for name in inputs if name is not None]
@@ -314,7 +314,7 @@ def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Pat
 
 
 def write_files(*files: tuple[Path | None, str | Callable[[Path], object]]) -> None:
-    """Write requested files, all or none: a text, or what a function writes."""
+    """Write all requested files or none; each from a text or by a function."""
     with together():
         for path, content in files:
             if path is None:
