@@ -1,9 +1,9 @@
 """Recordings with one fault each, and clean ones, of random robots, motions and sensors.
 
-`clean(seed)` is what a careful lab hands over; `faulty(kind, seed)` is spoilt in one way, and says
-which verdicts are right. Every kind draws its size from a wide range, and one that could hide
-behind the model's parameters and noise is drawn again until it is at least three times what the
-intervals hide (`shown.py`). Torques come from the oracle (`plants.py`).
+`clean(seed)` is a recording of a careful lab; `faulty(kind, seed)` has one fault and the verdicts
+that are right. Every kind draws its size from a wide range. A fault that parameters and noise could
+hide is drawn again until it is at least three intervals in size (`shown.py`). Torques come from the
+oracle (`plants.py`).
 """
 
 from dataclasses import replace
@@ -25,8 +25,8 @@ KINDS = {
     for name, member in vars(module).items()
     if isinstance(member, Kind)
 }
-# Three times the half width of a 95 % interval, in standard deviations for white noise; intervals
-# by scatter, as the package has them, are up to half as wide again.
+# Least size of a fault that must be detected: three half widths of a 95 % interval, in standard
+# deviations of white noise; intervals of the package, by scatter, are up to half as wide again.
 LEAST = 3 * 1.96 * 1.5
 
 
@@ -34,7 +34,7 @@ def fault(case: Case, kind: str, rng: np.random.Generator) -> Case:
     """The case with a fault of a kind, of random size.
 
     Raises:
-        ImpossibleError: this robot or recording cannot have it, or not so that it shows.
+        ImpossibleError: this robot or recording cannot have it, or only too small to be detected.
     """
     one = KINDS[kind]
     for _ in range(6 if one.hides else 1):
@@ -53,7 +53,7 @@ def fault(case: Case, kind: str, rng: np.random.Generator) -> Case:
 
 
 def faulty(kind: str, seed: int) -> Case:
-    """The case of a seed: a fault of the first clean recording from there on that can have it."""
+    """A case with a fault: clean recordings of the seed are drawn until one can have it."""
     for attempt in range(30):
         rng = np.random.default_rng([seed, attempt, crc32(kind.encode())])
         try:

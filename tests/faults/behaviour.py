@@ -1,4 +1,4 @@
-"""Robots that do what their description has no words for."""
+"""Robots that behave differently from their description."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from faults.tools import (
 from oracle.tree import Array
 from plants import Truth
 
-# The body that a load at the tool is fixed to.
+# The body to which a load at the tool is fixed, by kind of platform.
 _HELD = {"rigid": "P", "h4": "EE", "par4": "EE", "i4": "EE"}
 
 
@@ -42,7 +42,7 @@ def stribeck(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("friction-law", hides=True)
 def direction(case: Case, rng: np.random.Generator) -> Case:
-    """Friction of the drives differs by direction by 15 to 50 %, of each drive its own way."""
+    """Friction of each drive differs between directions by 15 to 50 %, with a random sign."""
     share, dof = rng.uniform(0.15, 0.5), len(drives(case))
     way = np.append(rng.choice([-1.0, 1.0], dof), np.zeros(2))
 
@@ -57,7 +57,7 @@ def direction(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("geometry-or-cogging", hides=True)
 def cogging(case: Case, rng: np.random.Generator) -> Case:
-    """Ripple over the position of 3 to 15 % of the largest torque, 3 to 30 waves a stroke."""
+    """Ripple over the position: 3 to 15 % of the largest torque, 3 to 30 waves per stroke."""
     setting, share = case.setting, spread(rng, 0.03, 0.15)
     waves = spread(rng, 3, 30)
     order = 2 * np.pi * waves / np.ptp(setting.truth.q, axis=0)
@@ -74,7 +74,8 @@ def cogging(case: Case, rng: np.random.Generator) -> Case:
 def length(case: Case, rng: np.random.Generator) -> Case:
     """One limb's arm, strut or base point is 3 to 15 % off.
 
-    To first order a longer strut is a carriage that stands higher, so a zero of its drive is right.
+    To first order a longer strut equals a higher carriage, so a wrong zero of its drive is a right
+    verdict too.
     """
     limbs = list(case.setting.plant.oracle.limbs)
     k, share = int(rng.integers(len(limbs))), spread(rng, 0.03, 0.15) * rng.choice([-1, 1])
@@ -87,7 +88,7 @@ def length(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("drift", hides=True)
 def warm_up(case: Case, rng: np.random.Generator) -> Case:
-    """Friction is 20 to 100 % higher when cold, and falls with a time constant."""
+    """Friction is 20 to 100 % higher at first, and falls with a time constant."""
     setting, share = case.setting, spread(rng, 0.2, 1.0)
     constant = rng.uniform(0.15, 0.5) * setting.duration
 
@@ -101,7 +102,7 @@ def warm_up(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("load-change", hides=True)
 def load_change(case: Case, rng: np.random.Generator) -> Case:
-    """A load is taken up, and perhaps put down again, while recording goes on."""
+    """A load is taken up, and perhaps put down again, during the recording."""
     setting, oracle = case.setting, case.setting.plant.oracle
     name = "EE" if oracle.telescope else _HELD[oracle.kind]
     whole = sum(body.m for key, body in oracle.bodies.items() if key[0] not in "UCS")

@@ -1,4 +1,4 @@
-"""A case: a robot as described, a recording of it, how it came about, and what is right to say."""
+"""A case: a described robot, a recording of it, how it was made, and which verdicts are right."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -20,21 +20,21 @@ RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A robot that moves, and its sensors.
+    """A moving robot and its sensors.
 
     Attributes:
         plant: the true robot and its path.
-        period: s for one round of the path.
+        period: duration of one round of the path (s).
         harmonics: of the path.
-        duration: s.
-        rate: Hz.
-        rest: spans of standing still (s).
+        duration: of the recording (s).
+        rate: of samples (Hz).
+        rest: spans in which the robot stands still (s).
         step: of the encoders behind their gears, (dof,) in rad or m.
         noise: of torques, as a share of each drive's largest.
         velocity: whether q̇ is recorded.
-        seed: of whatever is random in sensors.
-        extra: torques that the robot does not have, of what happens.
-        jitter: how much later than stamped each row is taken (s).
+        seed: of the sensors' random numbers.
+        extra: torques beyond the plant's, a function of the true motion.
+        jitter: delay of each row after its time stamp (s).
     """
 
     plant: Plant
@@ -52,16 +52,16 @@ class Setting:
 
     @property
     def time(self) -> Array:
-        """Of the samples."""
+        """Times of the samples (s)."""
         return np.arange(round(self.duration * self.rate)) / self.rate
 
     @cached_property
     def truth(self) -> Truth:
-        """What happens."""
+        """True motion and torques at the samples."""
         return self.at(self.time)
 
     def at(self, time: Array) -> Truth:
-        """What happens at other times (ascending)."""
+        """True motion and torques at other times, ascending (s)."""
         pace = even_pace(time, self.period, self.rest)
         truth = self.plant.move(pace, np.random.default_rng([self.seed, 1]))
         return replace(truth, tau=truth.tau + self.extra(truth)) if self.extra else truth
@@ -72,7 +72,7 @@ class Setting:
         return np.abs(self.truth.tau).max(axis=0)
 
     def sensed(self) -> dict[str, Array]:
-        """What the sensors make of it: t, q, qd if recorded, tau."""
+        """Readings of the sensors: t, q, qd if recorded, tau."""
         truth, rng = self.truth, np.random.default_rng([self.seed, 2])
         if self.jitter is not None:
             truth = self.at(self.time + self.jitter)
@@ -83,7 +83,7 @@ class Setting:
         return columns | {"tau": truth.tau + noise}
 
     def _differences(self, error: Array) -> Array:
-        """What a drive's velocity has of the encoder's error: differences across up to 4 ms."""
+        """Error of a drive's velocity by the encoder's: differences across up to 4 ms."""
         reach = max(1, round(2e-3 * self.rate))
         padded = np.pad(error, ((reach, reach), (0, 0)), mode="edge")
         return (padded[2 * reach :] - padded[: -2 * reach]) * (self.rate / (2 * reach))
@@ -91,19 +91,18 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A robot as described, a recording of it, and what is right to say.
+    """A described robot, a recording of it, and the verdicts that are right.
 
     Attributes:
         robot: its description.
-        columns: t (samples,), and q, qd, tau (samples, drives), as a log has them.
-        setting: how it came about.
+        columns: t (samples,), and q, qd, tau (samples, drives), as in a log.
+        setting: how the recording was made.
         kind: of fault; 'clean' for none.
         size: of the fault, in words.
-        keys: any of these verdicts is right; none for a clean recording.
-        subject: what the verdict must be about; empty if that is open.
-        related: verdicts that follow from the fault, so that they are no mistake.
-        data: the description as a file holds it, where the description is at fault; the recording
-            then does not count.
+        keys: verdicts of which any is right; none for a clean recording.
+        subject: required subject of the verdict; empty if any is right.
+        related: verdicts that follow from the fault and are accepted.
+        data: plain data of the description if it has the fault; the recording is then not used.
     """
 
     robot: RobotDescription
@@ -118,18 +117,18 @@ class Case:
 
     @property
     def seed(self) -> int:
-        """Of the recording."""
+        """The seed of the recording."""
         return self.setting.seed
 
     @cached_property
     def exact(self) -> "Case":
-        """The same without noise and encoder steps."""
+        """The same case without noise and encoder steps."""
         setting = replace(self.setting, noise=0.0, step=np.full_like(self.setting.step, 1e-13))
         return replace(self, setting=setting, columns=setting.sensed())
 
     @cached_property
     def table(self) -> pl.DataFrame:
-        """The recording with the default names of columns."""
+        """The recording as a table with default names of columns."""
         return tabled(**self.columns)
 
 

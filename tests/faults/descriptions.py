@@ -1,4 +1,4 @@
-"""Descriptions that no careful lab would write."""
+"""Faults of descriptions: missing or wrong units, priors, limits, workspaces."""
 
 import copy
 from dataclasses import replace
@@ -17,7 +17,7 @@ _LENGTHS = ("base_radius", "platform_radius", "upper_arm", "strut", "base_points
 
 
 def written(case: Case) -> dict[str, Any]:
-    """The catalogue file behind a case."""
+    """Plain data of the catalogue file of a case."""
     from ruamel.yaml import YAML
 
     return YAML(typ="safe", pure=True).load(catalogue_text(case.robot.name))
@@ -25,7 +25,7 @@ def written(case: Case) -> dict[str, Any]:
 
 @kind("friction")
 def friction_missing(case: Case, rng: np.random.Generator) -> Case:
-    """No friction at all, or none of one drive."""
+    """Friction is missing for all joints, or for one drive."""
     data = written(case)
     if rng.uniform() < 0.6:
         del data["friction"]
@@ -37,7 +37,7 @@ def friction_missing(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("limits")
 def limits_missing(case: Case, rng: np.random.Generator) -> Case:
-    """No limits at all, or none of the platform."""
+    """Limits are missing altogether, or for the platform."""
     data = written(case)
     del data["platform_speed"], data["platform_acceleration"]
     every = rng.uniform() < 0.6
@@ -54,7 +54,7 @@ def _scaled(node: Any, factor: float) -> Any:
 
 @kind("length-unit", related=("prior-scale", "workspace", "torque-limit"))
 def millimetres(case: Case, rng: np.random.Generator) -> Case:
-    """All lengths in millimetres, or the few of a robot small enough to pass for metres."""
+    """All lengths are in millimetres; a desktop robot's could pass for metres."""
     data = written(case)
     small = rng.uniform() < 0.7
     factor = 1e3 * (rng.uniform(0.03, 0.08) if small else 1.0)
@@ -92,7 +92,7 @@ def prior_scale(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("workspace")
 def workspace_cut(case: Case, rng: np.random.Generator) -> Case:
-    """Drives' ranges that hold 30 to 70 % of the workspace, or a workspace out of reach."""
+    """Drives' ranges cover 30 to 70 % of the workspace, or the workspace is out of reach."""
     data = written(case)
     if rng.uniform() < 0.4:
         factor = rng.uniform(1.8, 2.5)
@@ -118,7 +118,7 @@ def workspace_cut(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("torque-limit")
 def torque_limit(case: Case, rng: np.random.Generator) -> Case:
-    """A drive's largest torque is 10 to 70 % of what it holds against gravity at home."""
+    """A drive's torque limit is 10 to 70 % of its holding torque at home."""
     data, dynamics = written(case), compiled(load_robot(case.robot.name))
     home = case.robot.home[None]
     still = np.zeros_like(home)

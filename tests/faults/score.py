@@ -17,13 +17,13 @@ _SAID = (Grade.DOUBTFUL, Grade.WRONG)
 
 @dataclass(frozen=True)
 class Score:
-    """What was said of a case.
+    """Score of the verdicts on a case.
 
     Attributes:
-        right: the expected cause is said, of the expected drive, and no other one is called wrong;
-            of a clean case: nothing is called doubtful or wrong.
+        right: whether the expected cause is reported for the expected drive, and no other verdict
+            is wrong; for a clean case, whether no verdict is doubtful or wrong.
         said: keys of verdicts worse than good, each with its grade.
-        graver: whether anything unexpected is called wrong.
+        graver: whether an unexpected verdict is wrong.
     """
 
     right: bool
@@ -32,9 +32,9 @@ class Score:
 
 
 def said_of(case: Case) -> tuple[Verdict, ...]:
-    """All verdicts: on the description where that is at fault, else on the recording too.
+    """All verdicts: only on the description if it has the fault, else on the recording too.
 
-    A description that is refused for its millimetres has got its verdict.
+    An error about millimetres counts as a verdict.
     """
     if not case.data:
         return check(case.robot, case.table)
@@ -50,7 +50,7 @@ def said_of(case: Case) -> tuple[Verdict, ...]:
 
 
 def score(case: Case, found: Sequence[Verdict]) -> Score:
-    """Compare verdicts with what is right to say."""
+    """Compare verdicts with those that are right."""
     bad = [verdict for verdict in found if verdict.grade in _SAID]
     said = tuple((v.key, str(v.grade)) for v in found if v.grade is not Grade.GOOD)
     stray = [v for v in bad if v.key not in (*case.keys, *case.related)]
@@ -62,7 +62,7 @@ def score(case: Case, found: Sequence[Verdict]) -> Score:
 
 
 def _about(verdict: Verdict, subject: str) -> bool:
-    """Whether a verdict names a drive: as its subject, or in its words where it has none."""
+    """Whether a verdict names a drive: as its subject, or in its text if it has no subject."""
     if not subject or subject in verdict.subject:
         return True
     return not verdict.subject and subject in f"{verdict.seen} {verdict.cause}"

@@ -1,4 +1,4 @@
-"""How much of a fault is left when the model's parameters have taken what they can."""
+"""The part of a fault that the model's parameters cannot explain."""
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -7,7 +7,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import KinematicsError
 from faults.case import Case
 
-# Rows that the regressor is evaluated at; the rest count by their number.
+# Number of rows at which the regressor is evaluated; the result is scaled to all rows.
 _ROWS = 2500
 # Share of its largest speed below which a joint is near its reversal.
 _SLOW = 0.02
@@ -16,15 +16,15 @@ _SLOW = 0.02
 def shown(exact: Case, spoilt: Case) -> float:
     """‖(1 − Y Y⁺) τ‖ of a faulty recording without noise, each drive's torque in σ of its noise.
 
-    This is the fault in standard deviations of an estimate of its size, all parameters unknown and
-    noise white: what three intervals hide is below six. Infinite where no model can be posed.
+    This is the fault's size in standard deviations of its estimate, with all parameters unknown and
+    white noise. Infinite if the recorded motion is impossible.
     """
     dynamics = compiled(exact.robot)
     t, q, tau = (exact.columns[name] for name in ("t", "q", "tau"))
     spline = make_interp_spline(t, q, k=5)
     every = np.unique(np.linspace(0, len(t) - 1, _ROWS).astype(int))
     rows = [x[every] for x in (q, spline(t, 1), spline(t, 2), tau)]
-    # A sampled step of friction is known to a row or two only, and says nothing of other faults.
+    # The time of a friction step is only known to a row or two, which would count as a fault.
     speeds = np.abs(spoilt.setting.truth.rates[every])
     moving = np.all(speeds > _SLOW * speeds.max(axis=0), axis=1)
     q, qd, qdd, tau = (x[moving] for x in rows)

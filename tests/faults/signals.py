@@ -1,4 +1,4 @@
-"""Rates, clocks, encoders, noise, lag, and motions that show too little."""
+"""Faults of signals: rates, clocks, encoders, noise, lag, motions with too little information."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from faults.tools import ImpossibleError, drives, kind, one, recorded, some, spr
 
 @kind("rate", related=("clock", "torque-noise"))
 def rate(case: Case, rng: np.random.Generator) -> Case:
-    """Only two to five samples for one wave of the motion's highest harmonic."""
+    """Only two to five samples per wave of the motion's highest harmonic."""
     setting = case.setting
     highest = setting.harmonics / setting.period
     low = highest * rng.uniform(2.2, 5.0)
@@ -25,7 +25,7 @@ def rate(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("encoder-step")
 def encoder_step(case: Case, rng: np.random.Generator) -> Case:
-    """A stroke of 15 to 150 encoder steps."""
+    """A stroke has only 15 to 150 encoder steps."""
     counts = spread(rng, 15, 150)
     step = np.ptp(case.setting.truth.q, axis=0) / counts
     return replace(recorded(case, step=step, velocity=False), size=f"{counts:.0f} steps")
@@ -33,7 +33,7 @@ def encoder_step(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("clock")
 def clock_jitter(case: Case, rng: np.random.Generator) -> Case:
-    """Rows or their stamps are 5 to 40 % of a step from where an even clock has them."""
+    """Rows or their stamps deviate by 5 to 40 % of a step from an even clock."""
     setting, share = case.setting, spread(rng, 0.05, 0.4)
     late = share / setting.rate * rng.uniform(-1, 1, len(setting.time))
     words = "stamps"
@@ -68,7 +68,7 @@ def clock_gaps(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("clock")
 def clock_doubled(case: Case, rng: np.random.Generator) -> Case:
-    """Rows are there twice, stamp and all, or come again under the next stamp."""
+    """Rows are repeated with the same stamp, or with the next one."""
     rows = len(case.columns["t"])
     share = spread(rng, 5e-4, 0.02)
     again = np.sort(rng.choice(rows - 2, max(2, round(share * rows)), replace=False)) + 1
@@ -78,7 +78,7 @@ def clock_doubled(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("saturation", related=("torque-step",))
 def saturation(case: Case, rng: np.random.Generator) -> Case:
-    """Torques of one drive or all end at 40 to 85 % of their largest."""
+    """Torques of one or all drives saturate at 40 to 85 % of their largest."""
     which, subject = some(case, rng)
     share = rng.uniform(0.4, 0.85)
     limit = np.where(which, share, 2.0) * np.abs(case.columns["tau"]).max(axis=0)
@@ -109,7 +109,7 @@ def torque_step(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("resonance", related=("torque-noise",))
 def resonance(case: Case, rng: np.random.Generator) -> Case:
-    """Something rings at 12 to 60 Hz with 3 to 15 % of the largest torque."""
+    """A resonance at 12 to 60 Hz with 3 to 15 % of the largest torque."""
     setting, sharpness = case.setting, spread(rng, 15, 80)
     frequency, share = spread(rng, 12, min(60, 0.3 * setting.rate)), spread(rng, 0.03, 0.15)
     turn = 2 * np.pi * frequency / setting.rate
@@ -123,7 +123,7 @@ def resonance(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("torque-lag", hides=True)
 def torque_lag(case: Case, rng: np.random.Generator) -> Case:
-    """All torques come 0.3 to 8 ms after the positions, or before them."""
+    """All torques lag or lead the positions by 0.3 to 8 ms."""
     setting, late = case.setting, spread(rng, 0.3e-3, 8e-3)
     late = late if rng.uniform() < 0.7 else -late
     behind = setting.at(setting.time - late).tau - setting.truth.tau
@@ -146,7 +146,7 @@ def standing(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("excitation", "base-parameters", related=("excitation", "base-parameters"))
 def slow(case: Case, rng: np.random.Generator) -> Case:
-    """The motion is 10 to 25 times too slow, so that inertia does not show."""
+    """The motion is 10 to 25 times too slow to identify inertia."""
     factor = spread(rng, 10, 25)
     period = factor * case.setting.period
     spoilt = recorded(case, period=period, duration=min(1.2 * period, 60.0))

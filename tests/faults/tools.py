@@ -1,4 +1,4 @@
-"""What kinds of fault are written with: their list, and small changes of a case."""
+"""Helpers for kinds of fault: their registration, and small changes of a case."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,10 +17,10 @@ class Kind:
     """A kind of fault.
 
     Attributes:
-        change: spoils a case; asks its generator for the same numbers whatever the case's noise.
-        keys: any of these verdicts is right.
-        related: verdicts that follow from the fault, so that they are no mistake.
-        hides: whether a small one may hide behind the model's parameters and noise.
+        change: adds the fault to a case; draws the same random numbers whatever the case's noise.
+        keys: verdicts of which any is right.
+        related: verdicts that follow from the fault and are accepted.
+        hides: whether parameters and noise may hide a small fault.
     """
 
     change: Change
@@ -32,7 +32,7 @@ class Kind:
 def kind(
     *keys: str, related: tuple[str, ...] = (), hides: bool = False
 ) -> Callable[[Change], Kind]:
-    """Make a kind of fault of a function that spoils a case."""
+    """Make a kind of fault from a function that adds it to a case."""
 
     def made(change: Change) -> Kind:
         return Kind(change, keys, related, hides)
@@ -41,26 +41,26 @@ def kind(
 
 
 class ImpossibleError(Exception):
-    """A robot or a recording that cannot have a fault."""
+    """Error for a robot or a recording that cannot have a fault."""
 
 
 def drives(case: Case) -> tuple[str, ...]:
-    """Names."""
+    """Names of a robot's drives."""
     return case.robot.drives
 
 
 def one(case: Case, rng: np.random.Generator) -> int:
-    """A drive."""
+    """Index of a random drive."""
     return int(rng.integers(len(drives(case))))
 
 
 def spread(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number between two, evenly by its logarithm."""
+    """A random number between two, log-uniform."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def scaled(case: Case, name: str, factors: Array | float) -> dict[str, Array]:
-    """The columns with one quantity times a factor a drive."""
+    """The columns with one quantity times a factor for each drive."""
     return dict(case.columns) | {name: case.columns[name] * factors}
 
 
@@ -70,12 +70,12 @@ def only(case: Case, drive: int, factor: float) -> Array:
 
 
 def rotary(case: Case) -> Array:
-    """Which drives turn."""
+    """Whether each drive is rotary."""
     return np.array([not case.robot.is_linear(drive) for drive in drives(case)])
 
 
 def recorded(case: Case, **changes: Any) -> Case:
-    """The case with another setting, recorded anew."""
+    """The case with a changed setting, recorded anew."""
     setting = replace(case.setting, **changes)
     return replace(case, setting=setting, columns=setting.sensed())
 
@@ -86,10 +86,10 @@ def with_velocity(case: Case) -> Case:
 
 
 def replanted(case: Case, **changes: Any) -> Case:
-    """The case of another true robot on the same path.
+    """The case with another true robot on the same path.
 
     Raises:
-        ImpossibleError: it cannot go there.
+        ImpossibleError: the robot cannot reach the path.
     """
     plant = case.setting.plant
     oracle = replace(plant.oracle, **changes)
@@ -99,7 +99,7 @@ def replanted(case: Case, **changes: Any) -> Case:
 
 
 def permutation(case: Case, rng: np.random.Generator) -> Array:
-    """An order of the drives that is not the right one."""
+    """A wrong order of the drives."""
     order = np.arange(len(drives(case)))
     while np.all(order == np.arange(len(order))):
         order = rng.permutation(len(order))
@@ -107,7 +107,7 @@ def permutation(case: Case, rng: np.random.Generator) -> Array:
 
 
 def some(case: Case, rng: np.random.Generator) -> tuple[Array, str]:
-    """All drives and no subject, or one drive and its name."""
+    """Mask and name of a random drive, or of all drives with an empty name."""
     if rng.uniform() < 0.5:
         return np.ones(len(drives(case)), bool), ""
     drive = one(case, rng)

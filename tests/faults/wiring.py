@@ -1,4 +1,4 @@
-"""Units, gears, signs, orders, zeros: columns that are not what the mapping says."""
+"""Faults of wiring: units, gears, signs, orders and zeros that differ from the mapping."""
 
 from dataclasses import replace
 
@@ -52,9 +52,9 @@ def torque_unit(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("gear", related=("angle-unit", "torque-unit"))
 def gear(case: Case, rng: np.random.Generator) -> Case:
-    """Angles of the motor, whose gear the mapping does not declare; torques of either side."""
+    """Angles are the motor's, with a gear that the mapping lacks; torques are of either side."""
     ratio = spread(rng, 5, 100)
-    ratio = 30.0 if 40 < ratio < 80 else ratio  # next to degrees
+    ratio = 30.0 if 40 < ratio < 80 else ratio  # not near 57.3, the factor of degrees
     factor = np.where(rotary(case), ratio, 2 * np.pi / rng.uniform(0.01, 0.06))
     columns = scaled(case, "q", factor)
     if "qd" in columns:
@@ -68,14 +68,14 @@ def gear(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("gear", "torque-unit")
 def motor_torque(case: Case, rng: np.random.Generator) -> Case:
-    """Torques of the motor beside angles of the joint."""
+    """Torques are the motor's, angles the joint's."""
     factor = np.where(rotary(case), spread(rng, 8, 100), 2 * np.pi / rng.uniform(0.01, 0.06))
     return replace(case, columns=scaled(case, "tau", 1 / factor), size=f"1 / {factor.max():.3g}")
 
 
 @kind("angle-sign")
 def angle_sign(case: Case, rng: np.random.Generator) -> Case:
-    """One drive's angle counts the other way."""
+    """One drive's angle has the wrong sign."""
     drive = one(case, rng)
     columns = scaled(case, "q", only(case, drive, -1.0))
     if "qd" in columns:
@@ -86,7 +86,7 @@ def angle_sign(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("torque-sign")
 def torque_sign(case: Case, rng: np.random.Generator) -> Case:
-    """One drive's torque, or that of all, counts the other way."""
+    """The torque of one or all drives has the wrong sign."""
     which, subject = some(case, rng)
     columns = scaled(case, "tau", np.where(which, -1.0, 1.0))
     return replace(case, columns=columns, size=subject or "all drives", subject=subject)
@@ -94,7 +94,7 @@ def torque_sign(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("angle-sign", "torque-sign", related=("angle-sign", "torque-sign"), hides=True)
 def both_signs(case: Case, rng: np.random.Generator) -> Case:
-    """One drive counts the other way, in angle and torque."""
+    """One drive has the wrong sign in angle and torque."""
     turned = angle_sign.change(case, rng)
     drive = drives(case).index(turned.subject)
     return replace(turned, columns=scaled(turned, "tau", only(case, drive, -1.0)))
@@ -110,7 +110,7 @@ def torque_order(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("drive-order", hides=True)
 def drive_order(case: Case, rng: np.random.Generator) -> Case:
-    """All columns in another order; a symmetric robot does not show it, which is no fault then."""
+    """All columns in another order; no fault on a robot that is symmetric under it."""
     order = permutation(case, rng)
     columns = {name: x[:, order] if x.ndim > 1 else x for name, x in case.columns.items()}
     return replace(case, columns=columns, size=str(order + 1))
@@ -129,7 +129,7 @@ def homing(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("homing-or-tilt", hides=True)
 def tilt(case: Case, rng: np.random.Generator) -> Case:
-    """The base is out of level by 2 to 30 mrad."""
+    """The base is tilted by 2 to 30 mrad."""
     angle, way = spread(rng, 2e-3, 30e-3), rng.uniform(0, 2 * np.pi)
     direction = np.array([np.sin(angle) * np.cos(way), np.sin(angle) * np.sin(way), -np.cos(angle)])
     size = float(np.linalg.norm(case.setting.plant.oracle.gravity))
@@ -139,7 +139,7 @@ def tilt(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("velocity", related=("velocity-unit",))
 def velocity_scale(case: Case, rng: np.random.Generator) -> Case:
-    """Recorded velocities of all or one drive are too large or too small."""
+    """Recorded velocities of one or all drives are too large or too small."""
     case = with_velocity(case)
     factor = rng.uniform(1.05, 2.0)
     factor = factor if rng.uniform() < 0.5 else 1 / factor
@@ -159,7 +159,7 @@ def velocity_order(case: Case, rng: np.random.Generator) -> Case:
 
 @kind("velocity")
 def velocity_lag(case: Case, rng: np.random.Generator) -> Case:
-    """Recorded velocities come 1 to 5 ms late."""
+    """Recorded velocities lag by 1 to 5 ms."""
     case = with_velocity(case)
     late = spread(rng, 1e-3, 5e-3)
     setting = case.setting
