@@ -1,8 +1,8 @@
-"""Recordings as real drives write them, of robots whose truth is known.
+"""Recordings with the effects of real drives, of robots with known parameters.
 
 `case(row, kind, seed)` makes the recordings of a row of the table in `docs/real_drives.md`, for one
-of six kinds of robot. Bodies and mechanics come from the oracle (`plants.py`): from the link by
-way of gear and friction to the motor (`happening.py`), and from there into a log (`sensors.py`).
+of six kinds of robot. Torques of the links come from the oracle (`plants.py`); gear and friction
+add to them (`happening.py`), and sensors write the log (`sensors.py`).
 """
 
 from drives.cases import case

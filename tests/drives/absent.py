@@ -1,4 +1,4 @@
-"""Identification as if nobody had thought of some effects."""
+"""Identification with a package that lacks some effects."""
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ import pytest
 from deltaid.effects.point import TracePoint, UnknownEffect
 from deltaid.identification import contest, contest_outcome, contest_stage, study
 
-# Effects that are one cause, by the rows of `causes.py` that have it.
+# Names and kinds of effects that model the same cause, by its row in `causes.py`.
 CAUSES_OF: dict[str, frozenset[str]] = {
     "homing-0.5": frozenset({"zero", "homing-or-tilt"}),
     "gear-ratio": frozenset({"gear-ratio"}),
@@ -24,10 +24,10 @@ CAUSES_OF: dict[str, frozenset[str]] = {
 
 @contextmanager
 def without(missing: Collection[str]) -> Iterator[None]:
-    """Neither a study nor a contest has effects of these names and kinds.
+    """Remove effects of some names and kinds from studies and contests.
 
     Args:
-        missing: such as 'gear-ratio' or 'ripple'.
+        missing: names and kinds, such as 'gear-ratio' or 'ripple'.
     """
     known = tuple(unknown for unknown in contest_stage.UNKNOWNS if unknown.name not in missing)
     searched = tuple(effect for effect in study.EFFECTS if effect.kind not in missing)

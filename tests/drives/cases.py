@@ -1,4 +1,4 @@
-"""The recordings of a row of all tables, of `rows.py`, `timing.py` or of `causes.py`."""
+"""Recordings of a row of any table: `rows.py`, `timing.py` or `causes.py`."""
 
 from dataclasses import replace
 from zlib import crc32
@@ -17,14 +17,14 @@ from drives.timing import TIMING
 
 
 def case(row: str, kind: str = "delta4", seed: int = 0) -> Case:
-    """The recordings of a row of all tables, of a kind of robot."""
+    """The recordings of a row of any table, for a kind of robot."""
     rng = np.random.default_rng([seed, crc32(kind.encode()), crc32(row.encode())])
     m = (production_machine(kind, seed) if row.startswith("production")
          else machine(kind, seed, row == "poor-priors"))  # fmt: skip
     h = Happening(m, float(rng.uniform(14, 20)), int(rng.integers(1 << 31)))
     if row in ("closed-loop", "unlogged"):
         h, log = followed(h, rng, 0.01 if row == "unlogged" else 0.0)
-        # A torque is held from its row to the next one: it comes half a row early.
+        # A torque is held from its row to the next one, so on average it leads by half a row.
         sensors = Sensors(delay=-0.5 / m.rate)
         return Case(row, kind, seed, m, m.robot, (h,), (sensors,), (log,))
     if row in CAUSES:

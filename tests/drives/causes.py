@@ -1,7 +1,7 @@
-"""The second table of rows: faults that nobody named, and random mixtures of faults.
+"""The second table of rows: undeclared faults, alone or in random mixtures.
 
-A cause changes what is recorded by a fault of a size; several can be in one recording. What else
-there is of a fault (which drive, which direction) is drawn, and `Case.drawn` says it.
+A cause adds a fault of a given size to a recording, which may have several. Its other properties,
+such as drive and direction, are random, and `Case.drawn` states them.
 """
 
 from drives.made import Faults

@@ -1,8 +1,8 @@
-"""Recordings of a robot under control, with noise that the control feeds back.
+"""Recordings of a robot under control, with noise that the controller feeds back.
 
-The encoder's noise is in the recorded angles and, by way of the controller, in the torques; the
-robot moves accordingly. The package's own simulation moves it. Drives may give another torque than
-they log, which the control then answers.
+Encoder noise is in the recorded angles and, through the controller, in the torques that move the
+robot. The package's simulation moves it. Drives may apply another torque than they log, to which
+the controller reacts.
 """
 
 from dataclasses import dataclass, field, replace
@@ -24,17 +24,17 @@ from drives.happening import Happening
 from logs import tabled
 from oracle.tree import Array
 
-# Noise of the encoders' readings (rad, or times the lever m), of torque columns as a share of the
-# largest, and where the drive's difference of angles is cut off, as a share of the rate.
+# Noise of the encoders' readings (rad or m); noise of torque columns, as a share of the largest;
+# cut-off of the low-pass on differences of angles, as a share of the rate.
 _NOISE, _TORQUE_NOISE, _CUTOFF = 1e-5, 0.005, 0.1
-# Low-pass of the torque that drives give and do not log [Hz].
+# Cut-off of the torque that drives apply but do not log [Hz].
 _SLOW = 20.0
 
 
 @dataclass(eq=False)
 class Noisy:
-    """A controller whose encoders' readings are noisy and whose drives give more than it asks for;
-    keeps both, sample by sample."""
+    """A controller with noisy encoders, whose drives apply additional torque; both are given sample
+    by sample."""
 
     law: Controller
     noise: Array
@@ -45,7 +45,7 @@ class Noisy:
     slope: Array = field(default_factory=lambda: np.zeros(0))
 
     def torque(self, model: ControlModel, q: Samples, qd: Samples, desired: Desired) -> Samples:
-        """The law's, of angles with noise and of their low-passed difference."""
+        """Torque of the law for noisy angles and their low-passed difference, plus the addition."""
         now = self.noise[self.sample]
         last = self.last if self.sample else now
         slope = (now - last) * self.rate
@@ -62,7 +62,7 @@ def followed(
     """A recording under computed torque of 10 to 30 Hz.
 
     Args:
-        unlogged: standard deviation of the torque that drives give and do not log, as a share of
+        unlogged: standard deviation of the torque that drives apply but do not log, as a share of
             the largest; noise below 20 Hz.
     """
     m, truth = happening.machine, happening.truth

@@ -1,7 +1,7 @@
-"""Cycles of packing: 25-305-25 mm to and fro, and picks from a belt that moves.
+"""Packing cycles: 25-305-25 mm to and fro, and picks from a moving belt.
 
-A cycle is a list of places with times, joined by straight lines and smoothed by a Gaussian: what a
-path planner with blended corners and bounded jerk makes of it.
+A cycle is a list of places with times, joined by straight lines and smoothed by a Gaussian, similar
+to a path planner with blended corners and bounded jerk.
 """
 
 import numpy as np
@@ -12,16 +12,17 @@ from drives.robots import Machine, on_path
 from oracle.tree import Array
 from plants import GRID, oracle_of
 
-# Standard deviation of the smoothing of corners (s), lift and width of a cycle (m).
+# Standard deviation of the smoothing of corners (s); lift and width of a cycle (m).
 _SMOOTH, _LIFT, _WIDTH = 0.03, 0.025, 0.305
-# Picks of a round on the belt, speed of the belt (m/s) and time that the robot goes with it (s).
+# Picks per round; speed of the belt (m/s); time for which the robot follows it (s).
 _PICKS, _BELT, _FOLLOWED = 4, 0.3, 0.15
 
 Places = tuple[Array, Array, float]
 
 
 def adept(rng: np.random.Generator) -> Places:
-    """Up 25 mm, 305 mm across, down, a quarter turn; and back: times, places (x, y, up, turn)."""
+    """Times, places (x, y, up, turn) and period: up 25 mm, 305 mm across, down, a quarter turn; and
+    back."""
     half, stand = rng.uniform(0.26, 0.42), rng.uniform(0.02, 0.06)
     lift, across = 0.2 * half, 0.75 * half
     times = np.array([stand, stand + lift, across, half])
@@ -35,7 +36,7 @@ def adept(rng: np.random.Generator) -> Places:
 
 
 def conveyor(rng: np.random.Generator) -> Places:
-    """Picks from places on a belt along x that the robot goes with, placed in rows of a box."""
+    """Picks from a belt along x, which the robot follows, to places in rows of a box."""
     times, places, now = list[float](), list[tuple[float, ...]](), 0.0
     for k in range(_PICKS):
         x, y = rng.uniform(-0.12, 0.02), 0.14 + rng.uniform(-0.04, 0.04)
@@ -57,7 +58,7 @@ MOTIONS = {"adept": adept, "conveyor": conveyor}
 
 
 def cycling(robot: RobotDescription, p: Array, motion: str, seed: int) -> Machine:
-    """A robot with parameters p on a motion somewhere in its workspace."""
+    """A robot with parameters p on one of these motions at a random place in its workspace."""
     rng = np.random.default_rng([seed, len(motion)])
     times, places, period = MOTIONS[motion](rng)
     grid = np.arange(GRID) * (period / GRID)

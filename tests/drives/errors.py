@@ -1,10 +1,10 @@
 """Errors of an identification.
 
-Errors are shares of one: of the mass matrix the largest |ΔM_ij| / √(M_ii M_jj) over 40 poses, of
-friction the largest error of a drive's whole curve between 5 and 100 % of its speed as a share of
-the curve's largest value; under warm-up the true curve is the mean over the recording. A torque
-sensor's offset and a constant of friction are the same to a recording: friction's shape is its
-error after the constant that makes it smallest, one a drive.
+All errors are shares. For the mass matrix: the largest |ΔM_ij| / √(M_ii M_jj) over 40 poses. For
+friction: the largest error of a drive's curve between 5 and 100 % of its speed, as a share of the
+curve's largest value; with warm-up the true curve is the mean over the recording. No recording
+distinguishes a torque sensor's offset from a constant of friction, so the error of friction's shape
+is the smallest error with a free constant for each drive.
 """
 
 import casadi as ca
@@ -24,7 +24,7 @@ SPEEDS = np.linspace(0.05, 1.0, 40)
 
 
 def mass_matrix_error(case: Case, result: Identified, factor: float = 1.0) -> float:
-    """Over the poses of the machine, drive coordinates as the description has them."""
+    """Error of M over the machine's poses, in drive coordinates of the description."""
     dynamics, machine = result.problem.dynamics, case.machine
     q = dynamics.kinematics.inverse(machine.poses)
     identified, true = dynamics.mass_matrix(q, result.model.p), machine.M
@@ -33,14 +33,14 @@ def mass_matrix_error(case: Case, result: Identified, factor: float = 1.0) -> fl
 
 
 def mass_matrix_shape_error(case: Case, result: Identified) -> float:
-    """With the factor that makes it smallest: without a known load torques have no scale."""
+    """Smallest error of M with a free factor: without a known load torques have no scale."""
     best = minimize_scalar(lambda factor: mass_matrix_error(case, result, factor),
                            bounds=(0.5, 2.0), method="bounded")  # fmt: skip
     return float(best.fun)
 
 
 def friction_curve(robot: RobotDescription, p: Array, drive: str, v: Array, link: float) -> Array:
-    """A drive's friction over speed, with a torque behind its gear."""
+    """A drive's friction over speed, with a torque `link` that its gear carries."""
     speed, total = ca.SX.sym("v"), ca.SX(0)
     coefficients = p[parameter_layout(robot).friction].tolist()
     for term, coefficient in zip(robot.friction_terms, coefficients, strict=True):
@@ -56,13 +56,13 @@ def friction_error(
     gain: Array | float,
     offset: Array | float,
 ) -> float:
-    """Of the worst drive, where recorded torque is gain × true + offset."""
+    """Friction error of the worst drive, with recorded torque = gain × true + offset."""
     gaps = _friction_gaps(happening, model, link, gain, offset)
     return max(float(np.max(np.abs(gap))) for gap in gaps)
 
 
 def friction_shape_error(happening: Happening, model: IdentifiedModel, link: Array) -> float:
-    """Of the worst drive, without the constant that makes its largest error smallest."""
+    """Friction error of the worst drive with a free constant for each drive."""
     return max(half_range(gap) for gap in _friction_gaps(happening, model, link, 1.0, 0.0))
 
 
@@ -78,7 +78,7 @@ def _friction_gaps(
     gain: Array | float,
     offset: Array | float,
 ) -> list[Array]:
-    """Each drive's curve less the true one, as a share of the true one's largest."""
+    """Each drive's curve less the true one, as a share of the true curve's largest value."""
     law = happening.friction
     warm = 1 + law.warm * np.mean(np.exp(-happening.time / law.constant))
     v = np.concatenate([-SPEEDS[::-1], SPEEDS])[:, None] * happening.machine.largest_speed
@@ -91,7 +91,8 @@ def _friction_gaps(
 
 
 def curves_held(happening: Happening, model: IdentifiedModel) -> list[float]:
-    """Of curves without what depends on load."""
+    """Share of points of each drive's curve whose intervals contain the truth, without friction
+    that depends on load."""
     law = happening.friction
     warm = 1 + law.warm * np.mean(np.exp(-happening.time / law.constant))
     v = np.concatenate([-SPEEDS[::-1], SPEEDS])[:, None] * happening.machine.largest_speed

@@ -1,9 +1,9 @@
-"""What a machine does while it is recorded, and the torques of its motors.
+"""Motion of a machine during its recording, and the torques of its motors.
 
-The platform moves as planned whatever happens: a stiff control lets contact, load and friction show
-in the torques only. From the link to the motor:
+The platform always moves as planned: a stiff controller is assumed, so contact, load and friction
+affect only torques. From the link to the motor:
 
-    τ_l = bodies + passive friction + load − Jᵀ F + springs  what the gear carries
+    τ_l = bodies + passive friction + load − Jᵀ F + springs  torque that the gear carries
     q_m = q + τ_l / s ± ½ backlash                           by the sign of τ_l
     τ   = τ_l + rotor q̈_m + friction(q̇_m, τ_l)
 """
@@ -21,19 +21,19 @@ from oracle.tree import Array
 from plants import Pace, Truth, paced
 
 Span = tuple[float, float]
-# Time that a motor takes through backlash; standard deviation that wind-up is smoothed with, for no
-# link follows a step of friction at once (s); torque, as a share of the largest, at which the gear
-# changes its side.
+# Time of a motor to cross backlash (s); standard deviation of the smoothing of windup (s), because
+# links follow steps of friction with a delay; torque, as a share of the largest, within which gears
+# change sides.
 _THROUGH, _SMOOTH, _SIDE = 6e-3, 6e-3, 0.02
-# How long an emergency stop and a normal start take (s).
+# Durations of an emergency stop and of a normal start (s).
 _STOP, _START = 0.15, 0.4
-# From when on a motion ends, before its end, and how long control holds after brakes open (s).
+# Time before the end at which a motion stops; time of holding after brakes open (s).
 _END, _HELD = 0.45, 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """Friction of the drives; each number (drives,).
+    """Friction of the drives; numbers are scalars or (drives,).
 
     τ = (1 + d s)(viscous v + coulomb s) + stribeck coulomb exp(−(v/knee)²) s + load |τ_l| s
         + bias coulomb
@@ -51,7 +51,7 @@ class Law:
     constant: float = 1.0
 
     def curve(self, v: Array, link: Array | float = 0.0) -> Array:
-        """Of speeds (samples, drives) with torques behind the gear."""
+        """Friction at speeds (samples, drives) with torques `link` that the gears carry."""
         s = np.sign(v)
         base = (1 + self.direction * s) * (self.viscous * v + self.coulomb * s)
         near = self.stribeck * self.coulomb * np.exp(-((v / self.knee) ** 2)) * s
@@ -67,7 +67,7 @@ class Load:
     gyration: float = 0.04
 
     def torque(self, truth: Truth, gravity: Array) -> Array:
-        """At the drives; a tool that does not turn has the base's axes."""
+        """Torque of the load at the drives; a tool that does not turn has the base's axes."""
         zd, zdd, z = truth.zd, truth.zdd, truth.z
         turns = zdd.shape[1] == 4
         psi = z[:, 3] if turns else np.zeros(len(zdd))
@@ -91,7 +91,7 @@ class Load:
 class Contact:
     """A push at the platform: a half sine of force (N, world) from `start` on for `length` (s).
 
-    Its `size` is the force's on a robot of the class that sizes are written for.
+    Its `size` is the force scaled to a robot of the IRB 360 class (N).
     """
 
     start: float
@@ -100,7 +100,7 @@ class Contact:
     size: float
 
     def torque(self, truth: Truth) -> Array:
-        """−Jᵀ F: what the motors must add."""
+        """−Jᵀ F: torque that the motors must add."""
         share = (truth.time - self.start) / self.length
         push = np.where((share > 0) & (share < 1), np.sin(np.pi * np.clip(share, 0, 1)), 0.0)
         return -np.einsum("szd,z,s->sd", truth.hand[:, :3], np.array(self.force), push)
@@ -108,22 +108,22 @@ class Contact:
 
 @dataclass(frozen=True, eq=False)
 class Happening:
-    """A machine that is recorded.
+    """A machine during its recording.
 
     Attributes:
         machine: the robot and its path.
-        duration: s.
+        duration: of the recording (s).
         seed: of friction at rest.
-        law: friction of the drives; as in the machine's p where None.
-        standing: spans of rest under control, after and before ramps.
-        braked: spans from the moment that the drives go off and the brakes close until they open;
-            an emergency stop where that is not within a span of rest.
+        law: friction of the drives; that of the machine's p if None.
+        standing: spans of rest under control, between ramps.
+        braked: spans with drives off and brakes closed; outside of a span of rest this begins with
+            an emergency stop.
         contacts: pushes.
-        load, held: what the tool carries, and when: spans.
-        pulls: of hoses and balancers, all the time.
-        stiffness, backlash: of the gears (N m/rad, rad; N/m, m); infinite and none.
-        hard: whether backlash changes its side with the sign of τ_l; else with a tanh of it.
-        rhythm: pace of a motion that is not an even one.
+        load, held: load at the tool, and spans in which it is held.
+        pulls: permanent forces of hoses and balancers.
+        stiffness, backlash: of the gears (N m/rad, rad; N/m, m).
+        hard: whether backlash changes sides with the sign of τ_l; else with its tanh.
+        rhythm: pace of a motion with varying speed.
     """
 
     machine: Machine
@@ -143,17 +143,17 @@ class Happening:
 
     @property
     def friction(self) -> Law:
-        """Of the drives."""
+        """Friction law of the drives."""
         return self.law or Law(self.machine.viscous, self.machine.coulomb)
 
     @cached_property
     def time(self) -> Array:
-        """Of the samples (s)."""
+        """Times of the samples (s)."""
         rate = self.machine.rate
         return np.arange(round(self.duration * rate)) / rate
 
     def pace(self, time: Array) -> Pace:
-        """From rest to rest, with all stops."""
+        """Pace along the path from rest to rest, with all stops."""
         if self.rhythm is not None:
             return self.rhythm(time)
         edges = [(-10.0, -1, _START), (0.0, 1, _START), (self.duration - _END, -1, _START)]
@@ -166,16 +166,17 @@ class Happening:
         return paced(time, self.machine.period, edges)
 
     def at(self, time: Array) -> Truth:
-        """What happens at other times (ascending), torques without the drives' friction."""
+        """Motion and torques of rigid bodies at other times (ascending), without the drives'
+        friction."""
         return self.machine.plant.move(self.pace(time), np.random.default_rng([self.seed, 1]))
 
     @cached_property
     def truth(self) -> Truth:
-        """What happens at the samples: motors' angles and torques."""
+        """Angles and torques of the motors at the samples."""
         return self.moved(self.time)
 
     def moved(self, time: Array) -> Truth:
-        """What happens at times: q and τ of the motors."""
+        """Angles and torques of the motors at given times (ascending)."""
         truth, dof = self.at(time), self.machine.dof
         rotor, link = self.machine.plant.oracle.rotor_inertia, self.link(truth)
         q, qd, qdd = self._motor(truth, link)
@@ -189,11 +190,11 @@ class Happening:
 
     @cached_property
     def carried(self) -> Array:
-        """Mean size of what each gear carries, (drives,)."""
+        """Mean absolute torque that each gear carries, (drives,)."""
         return np.abs(self.link(self.at(self.time))).mean(axis=0)
 
     def link(self, truth: Truth) -> Array:
-        """τ_l: what each gear carries, (samples, drives)."""
+        """τ_l: torque that each gear carries, (samples, drives)."""
         plant = self.machine.plant
         rotor, time = plant.oracle.rotor_inertia, truth.time
         link = truth.tau - rotor * truth.qdd
@@ -218,7 +219,7 @@ class Happening:
 
 
 def within(time: Array, spans: Sequence[Span]) -> Array:
-    """Which times lie in one of the spans."""
+    """Whether each time is in one of the spans."""
     inside = np.zeros(len(time), bool)
     for start, end in spans:
         inside |= (time >= start) & (time < end)

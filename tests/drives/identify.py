@@ -1,4 +1,4 @@
-"""The identification of a case, told what the case says is told; else without options."""
+"""The identification of a case with the information in `Case.tells`, otherwise without options."""
 
 from deltaid.checks.identify import Judged, identify
 from deltaid.model.record import Settings
@@ -11,12 +11,12 @@ from drives.rows import HOMING, LENGTHS, Case, lever
 
 
 def identified(case: Case, settings: Settings | None = None) -> Judged:
-    """What `deltaid identify` makes of a case."""
+    """Result of `deltaid identify` for a case."""
     return identify(described(case), list(case.logs), columns=columns(case), settings=settings)
 
 
 def described(case: Case) -> RobotDescription:
-    """The robot as an identification is told of it."""
+    """The robot's description for the identification, with tolerances if the case has them."""
     robot = case.robot
     if "tolerances" not in case.tells:
         return robot
@@ -26,7 +26,7 @@ def described(case: Case) -> RobotDescription:
 
 
 def columns(case: Case) -> list[ColumnMapping] | None:
-    """Which load is held when, one mapping a recording."""
+    """Mappings with the declared loads, one for each recording."""
     if "gripper" in case.tells:
         return [ColumnMapping(load=Load(column="gripper"))]
     if "known" not in case.tells:

@@ -1,4 +1,4 @@
-"""How far an identification is from the truth of its case, and what it says."""
+"""Errors of an identification against the truth of its case, and what it reports."""
 
 import re
 from collections.abc import Sequence
@@ -20,18 +20,19 @@ from drives.errors import (
 from drives.happening import Contact, Happening, Span, within
 from drives.rows import Case
 
-# Time about a contact that counts as its own (s); force from which every one must be found (N).
+# Time before and after a contact in which excluded spans belong to it (s).
 _NEAR = 0.05
 _SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6}
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """How contacts were found.
+    """Detection of contacts.
 
     Attributes:
-        strong, weak: which of those above 100 N, and of the others, overlap a span left out.
-        elsewhere: time of spans further than 50 ms from any contact, as a share of the recording.
+        strong, weak: whether each contact of at least 100 N, and each other, overlaps an excluded
+            span.
+        elsewhere: excluded time farther than 50 ms from any contact, as a share of the recording.
     """
 
     strong: tuple[bool, ...]
@@ -41,11 +42,11 @@ class Contacts:
 
 @dataclass(frozen=True)
 class Changes:
-    """What is told of a load that comes and goes.
+    """What the verdicts report of a load that comes and goes.
 
     Attributes:
-        late: by how much the first change told is off (s); None where no times are told.
-        right: share of the time for which the state told is right; None where no states are told.
+        late: error of the first reported change (s); None if no times are reported.
+        right: share of the time with the right reported state; None if no states are reported.
     """
 
     late: float | None
@@ -54,22 +55,22 @@ class Changes:
 
 @dataclass(frozen=True)
 class Judged:
-    """An identification beside the truth.
+    """An identification compared with the truth.
 
     Attributes:
-        M, M_shape, friction, friction_shape: errors.
-        friction_as_measured: of the curve with torque constants and offsets as recorded.
-        curves: share of the points of each drive's friction curve that its intervals hold.
-        lag: largest error of a drive's lag (s); None where no lag is told.
-        load: relative error of the mass; None where none is told.
-        changes: what is told of a load that no mapping declares; None where it tells of none.
-        gains: relative errors, one a drive.
-        gains_held: whether each gain's interval holds the truth.
-        contacts: how they were found.
-        bodies, base: of intervals of bodies that are decided by data, and of base parameters:
-            which hold the truth.
+        M, M_shape, friction, friction_shape: errors (`errors.py`).
+        friction_as_measured: error of friction with torque constants and offsets as recorded.
+        curves: share of points of each drive's friction curve whose intervals contain the truth.
+        lag: largest error of a drive's lag (s); None if no lag is reported.
+        load: relative error of the load's mass; None if none is reported.
+        changes: reported changes of an undeclared load; None if none are reported.
+        gains: relative errors, one for each drive.
+        gains_held: whether each gain's interval contains the truth.
+        contacts: detection of contacts, if the case has any.
+        bodies, base: whether intervals contain the truth, of bodies' entries that data determine,
+            and of base parameters.
         said: kinds of corrections, each once, with their number.
-        verdicts: keys of those that are not good.
+        verdicts: keys of doubtful and wrong verdicts.
         texts: of corrections and warnings.
     """
 
@@ -93,7 +94,7 @@ class Judged:
 
 
 def judge(case: Case, result: Identified) -> Judged:
-    """Compare what was identified with what is true."""
+    """Compare an identification with the truth."""
     model, happening, sensors = result.model, case.happenings[0], case.sensors[0]
     told = model.corrections
     kinds = [correction.kind for correction in told]
@@ -137,7 +138,7 @@ def _of(told: Sequence[Correction], kind: str, drive: str) -> Correction | None:
 
 
 def _lag_error(case: Case, told: Sequence[Correction]) -> float | None:
-    """Of the worst drive; a drive of which nothing is told has none."""
+    """Lag error of the worst drive; a drive without a correction has no lag."""
     robot = case.robot
     true = np.broadcast_to(np.asarray(case.sensors[0].lag), len(robot.drives))
     found = [_of(told, "lag", drive) for drive in robot.drives]
@@ -157,7 +158,7 @@ def _load_error(happening: Happening, told: Sequence[Correction]) -> float | Non
 
 
 def _gain_errors(case: Case, told: Sequence[Correction]) -> list[float]:
-    """A gain told is what recorded torques are to be multiplied by."""
+    """Relative errors of gains; a reported gain multiplies recorded torques."""
     found = [_of(told, "gain", drive) for drive in case.robot.drives]
     if any(correction is None or correction.value is None for correction in found):
         return []
@@ -169,8 +170,8 @@ def _gain_errors(case: Case, told: Sequence[Correction]) -> list[float]:
 
 
 def _true_gains(case: Case) -> np.ndarray:
-    """Of each drive; against the geometric mean of the limbs' drives where nothing is known in N m,
-    as gains are then stated."""
+    """True gain of each drive; without a known load relative to the geometric mean of the limbs'
+    drives, as corrections report it."""
     gain = np.broadcast_to(np.asarray(case.sensors[0].gain), len(case.robot.drives))
     limbs = case.robot.limbs
     if "known" in case.tells or limbs is None:
@@ -190,7 +191,7 @@ def _gains_held(case: Case, told: Sequence[Correction]) -> list[bool]:
 
 
 def _changes(happening: Happening, verdicts: Sequence[Verdict]) -> Changes | None:
-    """By the times in the verdict's words and the spans in the lines that it proposes."""
+    """Errors of the times in the verdict's text and of the spans that it proposes."""
     found = [
         verdict
         for verdict in verdicts
@@ -210,7 +211,7 @@ def _changes(happening: Happening, verdicts: Sequence[Verdict]) -> Changes | Non
 
 
 def spans_left_out(result: Identified) -> list[Span]:
-    """Of the first recording: stretches that repairs leave out."""
+    """Spans that repairs exclude from the first recording."""
     return [(span.first, span.last) for span in result.recordings[0].repairs.left_out]
 
 
@@ -233,7 +234,7 @@ def _contacts(happening: Happening, result: Identified) -> Contacts:
 
 
 def outside(span: Span, others: Sequence[Span]) -> float:
-    """Length of a span that lies in none of the others, which are in order."""
+    """Length of the part of a span that is in none of the others, which are in order."""
     at, length = span[0], 0.0
     for first, last in others:
         length += max(0.0, min(first, span[1]) - at)
@@ -242,7 +243,7 @@ def outside(span: Span, others: Sequence[Span]) -> float:
 
 
 def _bodies(case: Case, model: IdentifiedModel) -> list[bool]:
-    """Of entries of bodies that the data decides: whether their intervals hold the truth."""
+    """Whether intervals contain the truth, for bodies' entries that data determine."""
     truth = dict(zip(case.machine.layout.names, case.machine.plant.p, strict=True))
     bodies = model.layout.parameters[: 10 * len(model.layout.bodies)]
     names = {parameter.name for parameter in bodies}
@@ -255,8 +256,8 @@ def _bodies(case: Case, model: IdentifiedModel) -> list[bool]:
 
 
 def _base(case: Case, result: Identified) -> list[bool]:
-    """Of base parameters of bodies and rotors, whether their intervals hold the truth; friction
-    has its curves."""
+    """Whether intervals contain the truth, for base parameters without friction, which `curves`
+    judges."""
     truth = dict(zip(case.machine.layout.names, case.machine.plant.p, strict=True))
     p = np.array([truth.get(name, 0.0) for name in result.model.layout.names])
     combination = result.base.combination()

@@ -1,4 +1,4 @@
-"""Faults that are put into a recording one after the other."""
+"""Faults that are added to a recording one after the other."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from oracle.tree import Array
 
 
 class Made(NamedTuple):
-    """What happens and how it is recorded, with the words of every fault in it."""
+    """A machine and its sensors, with a description of every fault in them."""
 
     happening: Happening
     sensors: Sensors
@@ -26,17 +26,17 @@ class Made(NamedTuple):
         return self.happening.machine
 
     def on(self, words: str, **changes: object) -> "Made":
-        """With other sensors."""
+        """The same with changed sensors."""
         return self._replace(sensors=replace(self.sensors, **changes), words=(*self.words, words))
 
     def but(self, words: str, **changes: object) -> "Made":
-        """With something else happening."""
+        """The same with a changed `happening`."""
         return self._replace(
             happening=replace(self.happening, **changes), words=(*self.words, words)
         )
 
     def of(self, words: str, oracle: ComposedOracle, p: Array | None = None) -> "Made":
-        """Of another true robot on the same path."""
+        """The same with another true robot on the same path."""
         m = self.machine
         plant = replace(m.plant, oracle=oracle, p=m.plant.p if p is None else p)
         M = np.array([oracle.mass_matrix(z) for z in m.poses])
@@ -48,16 +48,14 @@ Cause = Callable[[Made, np.random.Generator, float], Made]
 
 @dataclass(frozen=True)
 class Faults:
-    """A row of the second table: its causes, each with its size, or with bounds of a random one.
-
-    Random sizes are log-uniform.
-    """
+    """A row of the second table: its causes, each with its size or with bounds of a log-uniform
+    random size."""
 
     words: str
     causes: tuple[tuple[Cause, float | tuple[float, float]], ...]
 
     def make(self, made: Made, rng: np.random.Generator) -> Made:
-        """One cause after the other."""
+        """Add one cause after the other."""
         for cause, size in self.causes:
             drawn = log_uniform(rng, *size) if isinstance(size, tuple) else size
             made = cause(made, rng, drawn)

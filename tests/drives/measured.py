@@ -1,4 +1,4 @@
-"""Faults of how torques and angles are measured; a size is a share where nothing else is said."""
+"""Faults in the measurement of torques and angles. A size without a unit is a share."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from oracle.tree import Array
 
 
 def _span(m: Machine) -> Array:
-    """1 for a drive that turns; metres that a radian of the class is for one that slides."""
+    """1 for a rotary drive; for a linear one, the metres that correspond to a radian."""
     return np.where(m.rotary, 1.0, lever(m))
 
 
 def ripple(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """12 waves a radian; on a drive that slides, as many over what a radian is of the class."""
+    """Torque ripple with 12 waves per turn, or over the corresponding length of a linear drive."""
     m = made.machine
     return made.on(
         f"ripple {size:.1%}, 12 waves a radian", ripple=size,
@@ -23,7 +23,7 @@ def ripple(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def zeros(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """Homing off by normal errors of this standard deviation (degrees)."""
+    """Normal errors of homing with this standard deviation (degrees)."""
     m = made.machine
     homing = np.deg2rad(size) * lever(m) * rng.standard_normal(m.dof)
     homing[len(m.plant.oracle.limbs) :] = 0.0
@@ -33,7 +33,7 @@ def zeros(made: Made, rng: np.random.Generator, size: float) -> Made:
 def gear_ratio(made: Made, rng: np.random.Generator, size: float) -> Made:
     """The recorded angle of one drive of a limb is too large by a share; torques are right.
 
-    Not of a telescope's drive, where a wrong ratio is another moment of inertia.
+    A telescope's drive is excluded: there a wrong ratio equals another moment of inertia.
     """
     m = made.machine
     drive = int(rng.integers(len(m.plant.oracle.limbs)))
@@ -43,9 +43,9 @@ def gear_ratio(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def falling_gain(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """Torque constants that fall with current, by a share at the largest of the motion.
+    """Torque constants that fall with current, by a share at the largest torque of the motion.
 
-    Recorded is what the drive believes, r; true is r (1 − size (r / largest r)²).
+    For a recorded torque r the true one is r (1 − size (r / largest r)²).
     """
     del rng
 
@@ -59,7 +59,7 @@ def falling_gain(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def saturation(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """Motors that saturate: true is s tanh(r / s), s a share of the largest recorded r."""
+    """Motors that saturate: true is s tanh(r / s), with s a share of the largest recorded r."""
     del rng
     limit = 1 / np.tanh(1 / size)  # s over the largest true torque
     return made.on(
@@ -68,7 +68,7 @@ def saturation(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def cogging(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """Ripple of 5 to 60 waves a turn, no whole number of them; drives of limbs have the same."""
+    """Ripple of 5 to 60 waves per turn, not a whole number, the same in all drives of limbs."""
     m = made.machine
     orders = np.full(m.dof, log_uniform(rng, 5, 60))
     orders[len(m.plant.oracle.limbs) :] = log_uniform(rng, 5, 60)
@@ -80,7 +80,7 @@ def cogging(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def delay(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """Torques of all drives late or early by the same, or of each by at most this (s)."""
+    """A lag or lead of torques (s): the same in all drives, or up to this size in each."""
     each = bool(rng.uniform() < 0.5)
     dof = made.machine.dof
     share = rng.uniform(-1, 1, dof) if each else np.full(dof, rng.choice([-1.0, 1.0]))
@@ -89,10 +89,10 @@ def delay(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def gains(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """Torque constants of the limbs' drives, with a geometric mean of 1.
+    """Errors of the torque constants of the limbs' drives, with a geometric mean of 1.
 
-    What all constants have in common is the scale of the whole model, which no recording without
-    a known load has; a telescope's drive hardly shows its own.
+    A common factor of all constants is the scale of the whole model, which is not identifiable
+    without a known load; the constant of a telescope's drive hardly is.
     """
     m = made.machine
     count = len(m.plant.oracle.limbs)
@@ -104,7 +104,7 @@ def gains(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def offsets(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """Of torque columns; on carriages the mean is zero, see `ways`."""
+    """Offsets of torque columns; their mean is zero with linear drives, see `ways`."""
     m = made.machine
     if np.all(m.rotary):
         offset = size * rng.choice([-1.0, 1.0], m.dof) * rng.uniform(0.5, 1, m.dof)

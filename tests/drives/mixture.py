@@ -7,7 +7,7 @@ import numpy as np
 from drives import drivetrain, measured, undescribed
 from drives.made import Cause, Made, log_uniform
 
-# Causes that go together, each with bounds of its size.
+# Causes of mixtures: name, function, bounds of the size.
 MIXED: dict[str, tuple[Cause, float, float]] = {
     "ripple": (measured.cogging, 0.005, 0.03),
     "delay": (measured.delay, 2e-4, 4e-3),
@@ -32,14 +32,14 @@ MIXED: dict[str, tuple[Cause, float, float]] = {
 
 @dataclass(frozen=True)
 class Mixture:
-    """A row of the second table: faults that the seed draws."""
+    """A row of the second table with random faults."""
 
     words: str
     least: int = 3
     most: int = 5
 
     def make(self, made: Made, rng: np.random.Generator) -> Made:
-        """One cause after the other, each of another name."""
+        """Add random causes one after the other, each at most once."""
         names = rng.choice(list(MIXED), rng.integers(self.least, self.most + 1), replace=False)
         for name in names:
             cause, low, high = MIXED[str(name)]

@@ -1,4 +1,4 @@
-"""What the noise of a recording leaves of errors, whoever identifies."""
+"""Errors that the noise of a recording causes in any identification."""
 
 import numpy as np
 
@@ -7,17 +7,17 @@ from drives.errors import SPEEDS, half_range
 from drives.rows import Case
 from oracle.tree import Array
 
-# Every how many samples information is summed over, and the share of its largest eigenvalue below
-# which nothing is seen; step of the logarithm of Stribeck's speed.
+# Stride of the samples over which information is summed; share of its largest eigenvalue below
+# which a direction is not identifiable; step of the logarithm of Stribeck's speed.
 _EVERY, _SEEN, _STEP = 5, 1e-9, 1e-4
 
 
 def noise_limit(case: Case, draws: int = 100) -> tuple[float, float, float]:
-    """Errors of M, friction and its shape that the noise alone leaves in 90 % of recordings.
+    """Errors of M, friction and its shape that noise alone does not exceed in 90 % of recordings.
 
-    Of the best unbiased estimate (Cramér–Rao): its covariance along the motion, for whoever knows
-    which terms the friction of the drives has, and that Stribeck's is Gauss's form, but neither
-    their coefficients nor its speed. Loads and lags are taken as known.
+    Those of the best unbiased estimate, with the Cramér–Rao covariance along the motion. The terms
+    of friction are known, with Stribeck's in Gaussian form, but not their coefficients or
+    Stribeck's speed. Loads and lags are known.
     """
     happening, machine = case.happenings[0], case.machine
     dynamics, p = compiled(case.robot), machine.plant.p
@@ -53,7 +53,7 @@ def noise_limit(case: Case, draws: int = 100) -> tuple[float, float, float]:
 
 
 def _further(case: Case, i: int, v: Array, link: Array) -> Array:
-    """What a drive's law has beside viscous and Coulomb friction: (terms, speeds)."""
+    """Terms of a drive's law besides viscous and Coulomb friction: (terms, speeds)."""
     law, sign = case.happenings[0].friction, np.sign(v)
     coulomb, columns = float(law.coulomb[i]), list[Array]()
     if law.stribeck:
@@ -73,7 +73,7 @@ def _further(case: Case, i: int, v: Array, link: Array) -> Array:
 
 
 def _friction(case: Case, off: Array, further: Array) -> tuple[float, float]:
-    """Error of the drives' curves, and of their shapes, for coefficients that are off."""
+    """Error of the drives' curves, and of their shapes, for errors of coefficients."""
     machine, happening, names = case.machine, case.happenings[0], case.machine.layout.names
     v = np.concatenate([-SPEEDS[::-1], SPEEDS])[:, None] * machine.largest_speed
     link = happening.carried

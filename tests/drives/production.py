@@ -10,14 +10,14 @@ from drives.robots import KINDS, Machine, machine, on_path
 from oracle.tree import Array
 from plants import GRID, Pace
 
-# Cycles of a path, duration of one and of a rest in it (s).
+# Number of cycles of a path; duration of a cycle and of a rest in it (s).
 _CYCLES, _CYCLE, _REST = 8, 0.9, 0.05
 _HOPS = 2 * _CYCLES
 
 
 @lru_cache(maxsize=4)
 def production_machine(kind: str, seed: int) -> Machine:
-    """The robot of a kind and seed, on a path through places to pick and to place."""
+    """The robot of a kind and seed, on a path through pick and place positions."""
     m = machine(kind, seed)
     rng = np.random.default_rng([seed, crc32(kind.encode()), 7])
     centre, half = m.robot.within(0.0)
@@ -39,7 +39,7 @@ def production_machine(kind: str, seed: int) -> Machine:
 
 
 def _through(stops: Array, phase: Array) -> Array:
-    """Fourier series through stops at even phases; its highest wave has no sine."""
+    """Fourier series through stops at even phases; its highest harmonic has no sine."""
     spectrum = np.fft.rfft(stops, axis=0) / len(stops)
     weight = np.full(len(spectrum), 2.0)
     weight[[0, -1]] = 1.0
@@ -48,7 +48,7 @@ def _through(stops: Array, phase: Array) -> Array:
 
 
 def rhythm(time: Array) -> Pace:
-    """From stop to stop, at rest for 50 ms at each."""
+    """Pace from stop to stop, with 50 ms of rest at each."""
     hop = 0.5 * _CYCLE
     moving = hop - _REST
     k = np.floor(time / hop)
@@ -63,7 +63,8 @@ def rhythm(time: Array) -> Pace:
 
 
 def held_spans(duration: float) -> tuple[Span, ...]:
-    """A load is held from the middle of a rest at a pick to that of the next one."""
+    """Spans in which a load is held, from the middle of the rest at a pick to that at the next
+    place."""
     first = _CYCLE - 0.5 * _REST
     starts = np.arange(first, duration, _CYCLE)
     return tuple((float(s), float(s + 0.5 * _CYCLE)) for s in starts)

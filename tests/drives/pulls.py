@@ -1,4 +1,4 @@
-"""Forces that act on a robot and that its description does not have."""
+"""Forces on a robot that its description lacks."""
 
 from dataclasses import dataclass
 
@@ -14,9 +14,9 @@ class Hose:
 
     Attributes:
         force: (3,) in the world (N).
-        drag: against the platform's velocity (N); none at rest.
-        stiffness: N/m.
-        rest: (3,) where the spring does not pull (m).
+        drag: against the platform's velocity (N); zero at rest.
+        stiffness: of the spring (N/m).
+        rest: (3,) position of the platform at which the spring is relaxed (m).
     """
 
     force: Array
@@ -32,20 +32,20 @@ class Hose:
         return self.force - self.drag * way - self.stiffness * (truth.z[:, :3] - self.rest)
 
     def torque(self, truth: Truth) -> Array:
-        """−Jᵀ F: what the motors must add, (samples, drives)."""
+        """−Jᵀ F: torque that the motors must add, (samples, drives)."""
         return -np.einsum("szd,sz->sd", truth.hand[:, :3], self.pull(truth))
 
 
 @dataclass(frozen=True, eq=False)
 class Balancer:
-    """A spring at each drive, which gives −stiffness (q − rest); both (drives,).
+    """A spring at each drive with the torque −stiffness (q − rest); both (drives,).
 
-    In N m/rad and rad; N/m and m for a drive that slides.
+    In N m/rad and rad; in N/m and m for a linear drive.
     """
 
     stiffness: Array
     rest: Array
 
     def torque(self, truth: Truth) -> Array:
-        """What the motors must add, (samples, drives)."""
+        """Torque that the motors must add, (samples, drives)."""
         return self.stiffness * (truth.q - self.rest)

@@ -1,9 +1,9 @@
-"""Six kinds of robot, each with bodies off its priors, of a random size and rate.
+"""Six kinds of robot with bodies that differ from their priors; one has a random size and rate.
 
-True bodies are M̄ = G M̄_prior G with a random diagonal G, moved along the axes on which the
-description leaves their first moment free: no true body is symmetric where it need not be. The tool
-is larger than described. Friction of the linear robot is less, for with the catalogue's the noise
-of 2 % of the largest torque hides the masses behind it.
+True bodies are M̄ = G M̄_prior G with a random diagonal G, shifted along the axes on which the
+description leaves their first moment free, so no true body is symmetric unless described so. The
+tool is larger than described. Friction of the linear robot is lower than in the catalogue, because
+otherwise noise of 2 % of the largest torque would hide its masses.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from deltaid.robot.load import load_robot
 from oracle.tree import Array
 from plants import GRID, Plant, even_pace, friction_of, oracle_of, true_parameters
 
-# The catalogue robot of each kind; `resized` is Clavel's of half to twice its size.
+# The catalogue robot of each kind; `resized` is Clavel's robot, scaled to half to twice its size.
 KINDS = {
     "delta3": "clavel-delta3",
     "delta4": "irb360-6-1600",
@@ -34,7 +34,7 @@ KINDS = {
     "par4": "par4",
     "resized": "clavel-delta3",
 }
-# By how much a true body's centre is off along a free axis, as a share of its radius of gyration.
+# Shift of a true body's centre along a free axis, as a share of its radius of gyration.
 _OFF = 0.1
 _POSES = 40
 
@@ -45,11 +45,11 @@ class Machine:
 
     Attributes:
         robot: its description.
-        plant: bodies, rotors and the friction of passive joints; its p has all drives' friction.
-        viscous, coulomb: of the drives.
-        rate: at which its drives record (Hz).
+        plant: bodies, rotors and friction of passive joints; its p includes the drives' friction.
+        viscous, coulomb: friction of the drives.
+        rate: sampling rate of the drives (Hz).
         poses: z of 40 poses of another motion.
-        M: the true mass matrix there.
+        M: the true mass matrix at these poses.
         largest_speed, largest_torque: of each drive along the path, without its friction.
     """
 
@@ -66,7 +66,7 @@ class Machine:
 
     @property
     def layout(self) -> ParameterLayout:
-        """Of the description."""
+        """Parameter layout of the description."""
         return parameter_layout(self.robot)
 
     @property
@@ -76,7 +76,7 @@ class Machine:
 
     @property
     def rotary(self) -> Array:
-        """Which drives turn."""
+        """Whether each drive is rotary."""
         return np.array([not self.robot.is_linear(drive) for drive in self.robot.drives])
 
 
@@ -85,7 +85,7 @@ def machine(kind: str, seed: int, poor: bool = False) -> Machine:
     """A robot of a kind on a motion of `deltaid excite`.
 
     Args:
-        poor: bodies are clouds of points, and priors are 2 to 20 times off.
+        poor: whether bodies are clouds of points, and priors wrong by a factor of 2 to 20.
     """
     rng = np.random.default_rng([seed, crc32(kind.encode())])
     robot = load_robot(KINDS[kind])
@@ -128,7 +128,7 @@ def on_path(
 
 
 def resized(robot: RobotDescription, factor: float) -> RobotDescription:
-    """The robot of another size: lengths × f, masses × f³, torques × f⁴, speeds × √f."""
+    """The robot in another size: lengths × f, masses × f³, torques × f⁴, speeds × √f."""
     data: dict[str, Any] = robot.model_dump(mode="json")
     for name in ("base_radius", "platform_radius", "upper_arm", "strut"):
         data["limbs"][name] = (np.array(data["limbs"][name]) * factor).tolist()
@@ -156,7 +156,7 @@ def _free_axes(robot: RobotDescription, body: str) -> list[int]:
 
 
 def _moved(robot: RobotDescription, p: Array, rng: np.random.Generator) -> Array:
-    """p with each body moved along its free axes."""
+    """p with each body shifted along its free axes."""
     layout = parameter_layout(robot)
     for body in layout.bodies:
         part = layout.body(body)

@@ -1,7 +1,7 @@
-"""The rows of the table: robots recorded with one fault each, or with several, of known size.
+"""The rows of the table: recordings with one fault of known size, or with several.
 
-A row is a function of a kind of robot and a seed. Forces, masses and stiffnesses are those of a
-robot of the IRB 360 class; others have theirs in proportion to what their drives can do.
+A row is a function of a kind of robot and a seed. Forces, masses and stiffnesses are stated for a
+robot of the IRB 360 class; other robots have them in proportion to their drives' torques.
 """
 
 from collections.abc import Callable
@@ -18,24 +18,24 @@ from drives.robots import Machine
 from drives.sensors import Sensors
 from oracle.tree import Array
 
-# Largest torque of the drives of the class that sizes are written for, and its arm (N m, m).
+# Largest torque of the drives (N m), and upper arm (m), of the IRB 360 class.
 _TORQUE, _ARM = 75.0, 0.525
-# Standard deviation of drives' zeros (rad; times `lever`) and of lengths (m) where these are off.
+# Standard deviations of errors of drives' zeros (rad; times `lever`) and of lengths (m).
 HOMING, LENGTHS = float(np.deg2rad(0.5)), 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A robot as described, its recordings, and how they came about.
+    """A described robot, its recordings, and how they were made.
 
     Attributes:
-        row, kind, seed: which one.
+        row, kind, seed: of the case.
         machine: the true robot.
-        robot: as it is described.
-        happenings, sensors: one a recording.
-        logs: tables, one a recording.
-        tells: what of it an identification is told: 'gripper' for a column that tells the load's
-            state, 'known' for a load that is known, 'tolerances' for those of lengths and homing.
+        robot: its description.
+        happenings, sensors: one for each recording.
+        logs: tables, one for each recording.
+        tells: information for the identification: 'gripper' for a column with the load's state,
+            'known' for a known load, 'tolerances' for those of lengths and homing.
         drawn: the faults of a row of `causes.py` and their sizes, in words.
     """
 
@@ -52,21 +52,21 @@ class Case:
 
     @property
     def unit(self) -> float:
-        """Force and mass of this robot for one of the class that sizes are written for."""
+        """Ratio of this robot's forces and masses to those of the IRB 360 class."""
         return unit(self.machine)
 
 
 def unit(m: Machine) -> float:
-    """Forces at the platform in proportion to those of the IRB 360 class."""
+    """Ratio of a robot's forces at the platform to those of the IRB 360 class."""
     arm = m.robot.limbs.geometry()[0].upper_arm if m.rotary[0] else 1.0
     return float(m.largest_torque[:3].mean() / arm / (_TORQUE / _ARM))
 
 
 def lever(m: Machine) -> Array:
-    """1 for a drive that turns; for one that slides, metres that a radian of the class is.
+    """1 for a rotary drive; for a linear one, the metres that correspond to a radian.
 
-    A quarter where the drives turn the tool by way of the platform: it turns it several times as
-    far, and such robots have gears of another quality, or none.
+    A quarter of this if the platform turns the tool: the platform multiplies errors of the drives,
+    and such robots have better gears, or none.
     """
     strut = m.robot.limbs.geometry()[0].strut
     turned = 0.25 if m.robot.platform_turns else 1.0
@@ -75,11 +75,12 @@ def lever(m: Machine) -> Array:
 
 @dataclass(frozen=True)
 class Row:
-    """What a row of the table is made by.
+    """A row of the table.
 
     Attributes:
-        make: the changes of a clean recording.
-        words: what it is.
+        make: makes the row's machine and sensors from a clean machine.
+        words: title of the row.
+        tells: as in `Case`.
     """
 
     make: Callable[[Happening, np.random.Generator], tuple[Happening, Sensors]]
@@ -140,7 +141,7 @@ def _contacts(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensor
 
 
 def load_of(m: Machine, rng: np.random.Generator, mass: float = 1.0) -> Load:
-    """A load, in proportion to the robot, whose centre is not on the axis."""
+    """A load in proportion to the robot, with its centre off the tool's axis."""
     size = m.robot.limbs.geometry()[0].strut / 1.18
     centre = size * np.array([*rng.uniform(-0.03, 0.03, 2), -0.05])
     return Load(mass * unit(m), centre, 0.04 * size)
@@ -160,10 +161,11 @@ def _half(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
 
 
 def ways(m: Machine, rng: np.random.Generator) -> Array:
-    """Which way friction of each drive is more.
+    """Direction in which each drive's friction is higher, as a sign.
 
-    What all carriages on upright rails have in common is a constant force that weight might be, as
-    nothing tells their mass from their rotors': there two drives differ, so that this is zero.
+    A constant force that all carriages on upright rails share could be their weight, because no
+    motion separates their mass from the rotors' inertia. So with linear drives only two differ, and
+    the sum is zero.
     """
     if np.all(m.rotary):
         return rng.choice([-1.0, 1.0], m.dof)
@@ -174,7 +176,7 @@ def ways(m: Machine, rng: np.random.Generator) -> Array:
 
 
 def _law(h: Happening, rng: np.random.Generator, names: str) -> Law:
-    """Friction with what is named of: stribeck (40 %), direction (±10 %), load (5 %)."""
+    """Friction with the named ones of: stribeck (40 %), direction (±10 %), load (5 %)."""
     m, more = h.machine, dict[str, Any]()
     if "stribeck" in names:
         more |= {"stribeck": 0.4, "knee": rng.uniform(0.03, 0.1) * m.largest_speed}
@@ -197,7 +199,7 @@ def _backlash(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensor
 
 
 def gear(m: Machine, stiffness: float) -> Array:
-    """Stiffness of each gear for one of the class that sizes are written for (N m/rad)."""
+    """Stiffness of each gear, from that of the IRB 360 class (N m/rad)."""
     return stiffness * (m.largest_torque / _TORQUE / lever(m))
 
 
@@ -209,7 +211,7 @@ def _gear(stiffness: float) -> Callable[..., tuple[Happening, Sensors]]:
 
 
 def _homing(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
-    """Zeros and lengths off by normal errors of these standard deviations."""
+    """Normal errors of zeros and lengths, of the standard deviations `HOMING` and `LENGTHS`."""
     m = h.machine
     limbs = tuple(
         replace(
@@ -227,7 +229,7 @@ def _homing(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]
 
 
 def _realistic(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
-    """A little of everything."""
+    """Small faults of many kinds together."""
     m = h.machine
     h, homed = _homing(h, rng)
     law = replace(
@@ -288,7 +290,7 @@ ROWS = {
 def _apart(
     rng: np.random.Generator, count: int, low: float, high: float, least: float
 ) -> list[float]:
-    """So many ascending times between two, at least so far from each other (s)."""
+    """A number of ascending random times between two, at least `least` apart (s)."""
     free = high - low - (count - 1) * least
     return [
         float(low + free * x + k * least) for k, x in enumerate(np.sort(rng.uniform(size=count)))

@@ -1,4 +1,4 @@
-"""What drives write of what happens."""
+"""Logs that drives write of a moving machine."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,34 +11,35 @@ from drives.happening import Happening, within
 from logs import tabled
 from oracle.tree import Array
 
-# Encoder of the motor behind its gear, or on a spindle of so many metres a turn; noise of its
-# reading in steps.
+# Encoder step of a motor at the joint (rad); lead of a spindle (m per turn); noise of readings
+# (steps).
 _STEP, _LEAD, _DITHER = 2 * np.pi / 2**17 / 20, 0.02, 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Sensors:
-    """How drives measure and log; numbers with (drives,) may be one for all.
+    """Measurement and log of the drives; numbers are the same for all drives, or (drives,).
 
     Attributes:
-        noise: of torques, as a share of each drive's largest, contacts not counted.
-        delay: by how much torque columns are late (s).
+        noise: of torques, as a share of each drive's largest without contacts.
+        delay: lag of torque columns (s).
         current_loop: cut-off of a first-order filter on torques (Hz).
         velocity, velocity_lag: whether q̇ is recorded, and its filter's time constant (s).
-        clip: torque columns end at this share of the largest.
-        gain: of the torque constants: recorded is gain × true.
-        believed: recorded over true torque of the motors, both as shares of the largest true one.
+        clip: share of the largest torque at which torque columns saturate.
+        gain: of the torque constants: recorded = gain × true.
+        believed: recorded torque as a function of the true one, both as shares of the largest true
+            torque.
         offset: of the torque columns, as a share of the largest.
-        ripple: over the angle, as a share of the largest.
-        waves, phase: of the ripple: per radian or metre, and where it begins (rad).
-        scale: recorded angle over the true one.
+        ripple: over the angle, as a share of the largest torque.
+        waves, phase: of the ripple, the sine of waves · q + phase (rad per rad or m; rad).
+        scale: ratio of the recorded angle to the true one.
         homing: error of q's zero (rad, m).
-        stale: share of rows that repeat the one before.
-        hold: time between two updates of a torque column, which is held from one to the next (s);
-            by whole multiples of it, whatever the delay.
-        held_noise: whether the noise is that of the drive, which is held as well; else the log's.
-        clocks: by how much the clock of the torques runs fast.
-        gripper: whether a column tells when a load is held.
+        stale: share of rows that repeat the previous one.
+        hold: time between two updates of a torque column, which holds its value in between (s);
+            updates do not shift with the delay.
+        held_noise: whether noise arises in the drive, and is held as well; else in the log.
+        clocks: relative error of the torques' clock, positive if it is fast.
+        gripper: whether a column reports when a load is held.
     """
 
     noise: float = 0.02
@@ -63,7 +64,7 @@ class Sensors:
 
     @property
     def lag(self) -> Array | float:
-        """What counts as lag of torques: dead time and time constant (s)."""
+        """Lag of torques: dead time plus time constant (s)."""
         loop = 0.0 if self.current_loop is None else 1 / (2 * np.pi * self.current_loop)
         return self.delay + loop
 
@@ -103,7 +104,7 @@ class Sensors:
         return table[row].with_columns(pl.Series("t", time))
 
     def _held(self, tau: Array, rate: float) -> Array:
-        """Each update's torque until the next one."""
+        """Torques that hold their value between updates."""
         if not self.hold:
             return tau
         every = round(self.hold * rate)
@@ -121,7 +122,7 @@ class Sensors:
 
 
 def _first_order(x: Array, samples: float) -> Array:
-    """Through 1 / (1 + T s) with T so many samples, by Tustin's rule; from a steady state."""
+    """Low-pass 1 / (1 + T s) with T in samples, by Tustin's rule, from a steady state."""
     if samples == 0:
         return x
     a = 1 / (1 + 2 * samples)

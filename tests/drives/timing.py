@@ -1,7 +1,7 @@
-"""Rows of the table about how torques and positions are sampled.
+"""Rows of the table for the sampling of torques and positions.
 
-Torques pass a filter, are held between two updates of the drive, have a clock of their own, or are
-late beside gears that wind up.
+Torques pass a filter, are held between two updates of the drive, have a separate clock, or lag in
+addition to gears that wind up.
 """
 
 from dataclasses import replace
@@ -12,8 +12,8 @@ from drives.happening import Happening
 from drives.rows import Row, gear
 from drives.sensors import Sensors
 
-# Time constant of the filter, time between two updates (s), share by which clocks differ, lag of
-# all torques (s) and stiffness of the gears (N m/rad).
+# Time constant of the filter (s), time between two updates (s), relative difference of the clocks,
+# lag of all torques (s), stiffness of the gears (N m/rad).
 _FILTER, _HOLD, _CLOCKS, _LATE, _STIFFNESS = 5e-3, 2e-3, 5e-4, 3e-3, 8e3
 
 
@@ -44,7 +44,7 @@ def _held_delays(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sen
 
 
 def _updated(h: Happening) -> float:
-    """Time between two updates, of two rows at least (s)."""
+    """Time between two updates, at least two rows (s)."""
     return max(_HOLD, 2 / h.machine.rate)
 
 

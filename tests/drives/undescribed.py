@@ -1,4 +1,4 @@
-"""Forces that a description does not have, and robots that are not as described."""
+"""Forces that a description lacks, and robots that differ from their description."""
 
 from dataclasses import replace
 
@@ -14,10 +14,10 @@ from drives.rows import unit
 from oracle.tree import Array
 from plants import bodies_of
 
-# Strut of the robot of the class that sizes are written for (m).
+# Strut length of the IRB 360 class (m).
 _STRUT = 1.18
-# By how much the centre of a body is off its axis: of arms and tools, and of all others (m); by
-# which angles its axes of inertia are turned (degrees).
+# Distance of a body's centre from its axis, for arms and tools, and for all others (m); least and
+# largest rotation of its axes of inertia (degrees).
 _HEAVY, _SLENDER, _TURNED = 4e-3, 1e-3, (0.2, 2.0)
 
 
@@ -35,12 +35,12 @@ def force(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def _stiffness(m: Machine, size: float) -> float:
-    """Of a spring at the platform in proportion to the robot (N/m)."""
+    """Stiffness of a spring at the platform, in proportion to the robot (N/m)."""
     return size * unit(m) / (m.robot.limbs.geometry()[0].strut / _STRUT)
 
 
 def spring(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """A spring at the platform (N/m) which hangs from anywhere above the motion's middle."""
+    """A spring at the platform (N/m), relaxed at a random place above the motion's middle."""
     m = made.machine
     path = m.plant.path[:, :3]
     middle, half = path.mean(axis=0), 0.5 * np.ptp(path, axis=0)
@@ -51,7 +51,8 @@ def spring(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def hose(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """A constant force (N), a drag of 20 to 60 % of it, and a spring of ten times as many N/m."""
+    """A constant force (N), a drag of 20 to 60 % of it, and a spring with ten times its number in
+    N/m."""
     m, way, drag = made.machine, _way(rng), float(rng.uniform(0.2, 0.6) * size)
     pull = Hose(size * unit(m) * way, drag * unit(m), _stiffness(m, 10 * size),
                 m.plant.path[:, :3].mean(axis=0))  # fmt: skip
@@ -61,7 +62,7 @@ def hose(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def balancer(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """A spring at every drive, of at most a share of its largest torque."""
+    """A spring at every drive, with at most a share of its largest torque."""
     m = made.machine
     q = m.plant.oracle.positions(m.plant.path[::8])
     middle, half = 0.5 * (q.max(axis=0) + q.min(axis=0)), 0.5 * np.ptp(q, axis=0)
@@ -72,7 +73,7 @@ def balancer(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def long_limb(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """The arm or the strut of one limb is longer (m)."""
+    """The arm or the strut of one limb is longer than described (m)."""
     oracle = made.machine.plant.oracle
     limbs, k = list(oracle.limbs), int(rng.integers(len(oracle.limbs)))
     arm = limbs[k].arm
@@ -85,7 +86,7 @@ def long_limb(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def tilt(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """The base is not level, by an angle in degrees about a random horizontal axis."""
+    """The base is tilted about a random horizontal axis (degrees)."""
     oracle, about = made.machine.plant.oracle, rng.uniform(0, 2 * np.pi)
     axis = np.array([np.cos(about), np.sin(about), 0.0])
     gravity = Rotation.from_rotvec(np.deg2rad(size) * axis).apply(oracle.gravity)
@@ -93,7 +94,7 @@ def tilt(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def lengths(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """Arms and struts of all limbs off by normal errors of this standard deviation (m)."""
+    """Normal errors of all limbs' arms and struts, with this standard deviation (m)."""
     oracle = made.machine.plant.oracle
     limbs = tuple(
         replace(
@@ -107,15 +108,15 @@ def lengths(made: Made, rng: np.random.Generator, size: float) -> Made:
 
 
 def asymmetric(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """Bodies off the shape that `free` allows, `size` times what such bodies are.
+    """Bodies that deviate from the symmetry in `free`, by `size` times usual amounts.
 
-    Centres are off the bodies' long axes, axes of inertia are turned about the centre.
+    Centres are off the bodies' long axes, and axes of inertia are turned about the centre.
     """
     return _off_shape(made, rng, size, about_centre=True)
 
 
 def askew(made: Made, rng: np.random.Generator, size: float) -> Made:
-    """The same, but whole bodies are turned about their joints: centres move with the axes."""
+    """As `asymmetric`, but bodies are turned about their joints, so centres move with the axes."""
     return _off_shape(made, rng, size, about_centre=False)
 
 
