@@ -109,7 +109,7 @@ def _smaller(squares: Squares, others: Squares) -> bool:
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def held_out(record: Evidence) -> HeldOut | None:
-    """Held-out errors of a recording with its files as they are; None for too few rows."""
+    """Held-out errors of a recording with its files unchanged; None for too few rows."""
     if isinstance(setup := record.setup, RecordingError):
         return None
     trace = studied_trace(record.dynamics, setup.recordings[0], prior_parameters(record.robot))
@@ -157,7 +157,7 @@ class _Halves:
 
 
 def _halves(trace: Trace, declared: Sequence[Addition]) -> _Halves | None:
-    """Rows of a recording with declared loads; None where they are too few."""
+    """Rows of a recording with declared loads; None if they are too few."""
     log, dynamics, low_pass = trace.recording.log, trace.dynamics, trace.low_pass
     rows = DriveRows(log.torque_max, trace.torques().shape[1])
     span = Span.of_columns(rows.stack(trace.regressor()[:, :, : len(active_columns(dynamics))]))
@@ -231,7 +231,7 @@ def _useful(record: Evidence, proposing: Sequence[Verdict], judge: _Judge) -> li
 
 
 def _error(record: Evidence, verdicts: Sequence[Verdict]) -> HeldOut | None:
-    """Held-out errors with all that verdicts propose; None where that cannot be read."""
+    """Held-out errors with all proposals of verdicts; None if the changed files cannot be used."""
     try:
         if not verdicts:
             return held_out(record)

@@ -131,7 +131,7 @@ def _resonance(study: Study) -> Verdict:
 def _line(
     frequency: Float[np.ndarray, " bins"], power: Float[np.ndarray, " bins"], lowest: float
 ) -> tuple[float, float]:
-    """Frequency and power of the most prominent line; zeros if there is none."""
+    """Frequency and power of the most prominent line; zeros without any line."""
     inner = np.flatnonzero((frequency > lowest) & (frequency < 0.9 * frequency[-1]))
     peaks = inner[power[inner] >= power[np.maximum(inner - 1, 0)]]
     for i in peaks[np.argsort(-power[peaks])]:

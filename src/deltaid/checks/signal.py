@@ -175,7 +175,7 @@ def _is_long(evidence: Evidence) -> bool:
 
 
 def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
-    """Drives that move, compared with others of their kind; none of a robot that stands still."""
+    """Whether each drive moves, compared with others of its kind; none for a robot at rest."""
     robot, span = evidence.robot, evidence.moved
     slides = np.array(robot.linear_drives)
     largest = np.where(slides, span[slides].max(initial=0.0), span[~slides].max(initial=0.0))

@@ -120,7 +120,7 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         Read `cures` first.
 
         Raises:
-            DeltaidError: there is not exactly one recording.
+            DeltaidError: the verdicts are not on exactly one recording.
         """
         text = yaml_text(mended(self._recorded.written_mapping, changes(self, "mapping")))
         return parse(text, ColumnMapping, where="cured mapping").known_as("cured mapping")
@@ -176,7 +176,7 @@ def as_written(robot: RobotLike) -> Data:
     """A description as the plain data of its file, even with impossible numbers.
 
     Raises:
-        DescriptionError: there is no such robot, or its file is no mapping of keys.
+        DescriptionError: the robot does not exist, or its file is no mapping of keys.
     """
     if isinstance(robot, str | Path) and str(robot) not in catalogue() and os.path.exists(robot):
         text = read_text(Path(robot))
@@ -189,7 +189,7 @@ def robot_text(robot: RobotLike, proposed: Changes) -> str:
     """A description's file with proposals applied; all other lines stay.
 
     Raises:
-        DescriptionError: there is no such robot, or its file is no mapping of keys.
+        DescriptionError: the robot does not exist, or its file is no mapping of keys.
     """
     wanted = mended(as_written(robot), proposed)
     if isinstance(robot, str | Path):
@@ -206,7 +206,7 @@ def mapping_text(record: Evidence, proposed: Changes, path: Path | None) -> str:
     Args:
         record: the recording with its mapping.
         proposed: values by path.
-        path: of the mapping's file; None where there is none.
+        path: of the mapping's file, if any.
 
     Raises:
         DescriptionError: the file cannot be read, or is not YAML.

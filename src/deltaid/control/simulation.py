@@ -30,8 +30,8 @@ History = Float[np.ndarray, "times states dof"]
 # within 1e-10 over ten seconds. Run times for 10 s of a Delta: DOP853 0.2 s; LSODA 0.2 to 0.6 s,
 # less accurate; CVODES (Adams) 0.08 s, but without batches or torques from Python.
 _RELATIVE = 1e-10
-# Longest time step [s]: half a millimetre at the speed of a fast robot, below what any drive's
-# controller resolves.
+# Longest time step [s]: a fast robot moves by half a millimetre, less than a drive's controller
+# resolves.
 LONGEST_STEP = 2.5e-4
 
 

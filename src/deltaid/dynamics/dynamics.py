@@ -174,7 +174,7 @@ class Dynamics(WithParameters, Plotted):
 
         Raises:
             KinematicsError: q closes no loop or is singular.
-            DescriptionError: friction depends on load, and there is none.
+            DescriptionError: friction depends on load, and `load` is None.
         """
         return self.regressor_at(self.kinematics.forward(q), qd, qdd, load)
 
@@ -193,7 +193,7 @@ class Dynamics(WithParameters, Plotted):
         """Nonzero entries of Y at task coordinates z, as used for all recorded data.
 
         Raises:
-            DescriptionError: friction depends on load, and there is none.
+            DescriptionError: friction depends on load, and `load` is None.
         """
         parts = [z, qd, qdd]
         if self.robot.load_drives:

@@ -176,7 +176,7 @@ class LimitsAlong:
 
 @dataclass(frozen=True)
 class Poses:
-    """A robot at rest at many poses, one a row.
+    """A robot at rest in many poses, one pose a row.
 
     Attributes:
         z: task coordinates [m; rad].
@@ -210,7 +210,7 @@ class AtRest:
         of_workspace: number of limits of the workspace.
 
     Raises:
-        KinematicsError: the robot cannot stand in the middle of its own workspace.
+        KinematicsError: the middle of the workspace is out of reach or singular.
     """
 
     def __init__(self, dynamics: Dynamics, p: Parameters) -> None:

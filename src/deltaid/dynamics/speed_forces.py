@@ -211,7 +211,7 @@ class SpeedForces:
         return ca.jacobian(body.origin.rate, self._u), ca.jacobian(body.rotation.w, self._u)
 
     def on_speeds(self, body: MovingBody, wrenches: Wrench) -> ca.SX:
-        """A body's wrench as forces on u, one a column."""
+        """A body's wrenches as forces on u, one column for each wrench."""
         V, W = self._partials(body)
         turned = body.rotation.R.T @ V
         return V.T @ wrenches.push + turned.T @ wrenches.swing + W.T @ wrenches.moment

@@ -88,7 +88,7 @@ def _body(name: str, origin: Path, *turns: Turn, count: int = 1) -> MovingBody:
 
 
 def with_turned_half(mechanism: Mechanism) -> Mechanism:
-    """The same mechanism with its second half platform turned; unchanged where there is none.
+    """The same mechanism with its second half platform turned; unchanged without half platforms.
 
     Both half platforms are the same part, mounted 180° about z apart. They only translate, so drive
     torques depend on their masses alone, and `build_platform` has both in world axes. Forces that
