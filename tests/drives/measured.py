@@ -17,7 +17,7 @@ def ripple(made: Made, rng: np.random.Generator, size: float) -> Made:
     """Torque ripple with 12 waves per turn, or over the corresponding length of a linear drive."""
     m = made.machine
     return made.on(
-        f"ripple {size:.1%}, 12 waves a radian", ripple=size,
+        f"ripple {size:.1%}, 12 waves a turn", ripple=size,
         waves=12 / _span(m), phase=rng.uniform(0, 2 * np.pi, m.dof),
     )  # fmt: skip
 
