@@ -9,6 +9,7 @@ from deltaid.effects.reversals import (
     _posterior,
     behind_filter,
     is_abrupt,
+    is_rounded,
     locally,
     located,
     misfit,
@@ -192,3 +193,16 @@ def test_a_step_that_noise_hides_nearby_is_a_step(share: float, expected: bool) 
     std = float(np.sqrt(np.mean(near.left**2) * np.linalg.inv(flat @ flat.T)[0, 0]))
     local = Local(of_drive.left, near.seen + share * 3 * std)
     assert is_abrupt(local, of_drive, 0.0) == expected
+
+
+@pytest.mark.parametrize("noise", [0.6, 0.9])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_filtered_step_is_searched_later_than_the_sharp_one_that_fits(
+    noise: float, seed: int
+) -> None:
+    """Its lag δ + T is behind the place of a sharp step, never before it."""
+    filtered = steps(np.random.default_rng(seed), 1e-3, 1.5 * PERIOD, noise)
+    early = locally(filtered, sharp(filtered.after, 1e-3))
+    assert is_rounded(early, filtered, 1e-3, PERIOD)
+    at_once = steps(np.random.default_rng(seed), 1e-3, 0.0, noise)
+    assert not is_rounded(locally(at_once, sharp(at_once.after, 1e-3)), at_once, 1e-3, PERIOD)
