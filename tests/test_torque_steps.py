@@ -206,3 +206,23 @@ def test_a_filtered_step_is_searched_later_than_the_sharp_one_that_fits(
     assert is_rounded(early, filtered, 1e-3, PERIOD)
     at_once = steps(np.random.default_rng(seed), 1e-3, 0.0, noise)
     assert not is_rounded(locally(at_once, sharp(at_once.after, 1e-3)), at_once, 1e-3, PERIOD)
+
+
+def test_sharp_or_filtered_is_decided_by_likelihoods() -> None:
+    """The mean likelihood of all constants, each at its best lag, with the noise of the best."""
+    decided = list[bool]()
+    for seed in range(30):
+        filtered = steps(np.random.default_rng(seed), 1e-3, PERIOD, noise=4.0)
+        at_once = locally(filtered, sharp(filtered.after, 1e-3))
+        squares = [
+            min(
+                np.sum(locally(filtered, response(filtered.after - 1e-3 - x + T, T)).left ** 2)
+                for x in np.linspace(0.0, T, len(CONSTANTS))
+            )
+            for T in CONSTANTS * PERIOD
+        ]
+        variance = min(squares) / filtered.left.size
+        ratios = np.exp((np.sum(at_once.left**2) - np.array(squares)) / (2 * variance))
+        decided.append(is_rounded(at_once, filtered, 1e-3, PERIOD))
+        assert decided[-1] == (ratios.mean() > 1.0)
+    assert 3 < sum(decided) < 27

@@ -150,7 +150,8 @@ class FactorRecord(RecordingFacts):
     """Inputs of a recording's factors, and its own identification.
 
     Attributes:
-        robot, model: the description when the recording was gathered, and its own identification.
+        robot, model: the description when the recording was gathered, and its own identification,
+            without friction curves and posterior.
         names: of the gathered columns.
         felt: indices of each drive's columns.
         quantities: with tolerances, whose effects are in the rows.
