@@ -62,6 +62,13 @@ def command_lines(path: Path) -> list[str]:
     return found + _INLINE.findall(prose)
 
 
+@pytest.mark.parametrize("path", LINKED, ids=lambda path: path.name)
+def test_a_row_of_a_table_stands_on_one_line(path: Path) -> None:
+    """A cell that goes on in the next line ends the table there."""
+    page = re.sub(r"^ *```.*?^ *```$", "", path.read_text(encoding="utf-8"), flags=re.M | re.S)
+    assert not re.findall(r"^\|.*[^|\s]\s*$|^\|.*\n[^|\n].*", page, flags=re.M)
+
+
 def test_public_names_are_what_the_api_page_shows() -> None:
     for name in deltaid.__all__:
         assert getattr(deltaid, name).__name__ == name
