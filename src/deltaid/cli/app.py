@@ -87,10 +87,12 @@ def _options(
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
     mechanism: Annotated[
         Path | None,
-        typer.Option(help="Python file with the geometry of a mechanism of your own; it is run."),
+        typer.Option(
+            help="Python file with the geometry of a mechanism of your own. deltaid runs it."
+        ),
     ] = None,
     no_cache: Annotated[
-        bool, typer.Option("--no-cache", help="Compile all code anew and keep none of it.")
+        bool, typer.Option("--no-cache", help="Compile all code again, and do not cache it.")
     ] = False,
 ) -> None:
     if no_cache:

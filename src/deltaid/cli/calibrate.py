@@ -30,82 +30,97 @@ def calibrate(
     robot: Robot,
     points: Annotated[
         list[Path] | None,
-        typer.Option(help="3-D points of a tracker or camera, in any frame; may be repeated."),
+        typer.Option(help="Points of a tracker or camera, in any frame. Repeatable."),
     ] = None,
     probe: Annotated[
         list[Path] | None,
-        typer.Option(help="Touches of a plane, bare or on gauge blocks; may be repeated."),
+        typer.Option(help="Touches of a plane, or of gauge blocks on it. Repeatable."),
     ] = None,
     distances: Annotated[
         list[Path] | None,
-        typer.Option(help="Distances between two poses, by calliper or ballbar; repeatable."),
+        typer.Option(help="Distances between two poses, by calliper or ballbar. Repeatable."),
     ] = None,
     torques: Annotated[
         list[Path] | None,
-        typer.Option(help="Recordings of torques, which show zeros; may be repeated."),
+        typer.Option(help="Recordings of torques, which determine zeros. Repeatable."),
     ] = None,
     columns: Annotated[
-        Path | None, typer.Option(help="Columns, units and noise of the files (YAML).")
+        Path | None, typer.Option(help="File with columns, units and noise of the readings (YAML).")
     ] = None,
     output: Annotated[
-        Path | None, output_file("--output", "-o", help="Robot file with this geometry (YAML).")
+        Path | None,
+        output_file(
+            "--output", "-o", help="Robot file to write, with the calibrated geometry (YAML)."
+        ),
     ] = None,
     klipper: Annotated[
-        Path | None, output_file(help="Lines of a printer.cfg with this geometry.")
+        Path | None, output_file(help="File to write for Klipper: lines of a printer.cfg.")
     ] = None,
-    marlin: Annotated[Path | None, output_file(help="M665 and M666 of Marlin.")] = None,
-    reprap: Annotated[Path | None, output_file(help="M665 and M666 of RepRapFirmware.")] = None,
+    marlin: Annotated[
+        Path | None, output_file(help="File to write for Marlin: M665 and M666.")
+    ] = None,
+    reprap: Annotated[
+        Path | None, output_file(help="File to write for RepRapFirmware: M665 and M666.")
+    ] = None,
     lengths: Annotated[
         float | None,
         bounded(
-            help="How far lengths may be off, m. Default: the robot's tolerances, or 0.001.",
+            help="Standard deviation of lengths, m. Default: the robot's tolerances, or 0.001.",
             limits=(1e-7, 0.1),
         ),
     ] = None,
     angles: Annotated[
         float | None,
         bounded(
-            help="How far angles may be off, rad. Default: the tolerance, or 0.001.",
+            help="Standard deviation of angles, rad. Default: the robot's tolerances, or 0.001.",
             limits=(1e-7, 0.3),
         ),
     ] = None,
     shared: Annotated[
-        str, typer.Option(help="Numbers that all limbs share, such as strut,upper_arm.")
+        str, typer.Option(help="Numbers that are equal in all limbs, such as strut,upper_arm.")
     ] = "",
     hold: Annotated[
-        str, typer.Option(help="Numbers that are as described, such as tilt,limb1.zero.")
+        str, typer.Option(help="Numbers to keep as described, such as tilt,limb1.zero.")
     ] = "",
     struts_apart: Annotated[
         bool,
-        typer.Option("--struts-apart", help="Struts of a limb differ, so the platform tilts."),
+        typer.Option(
+            "--struts-apart",
+            help="Calibrate the two struts of each limb separately; the platform may tilt.",
+        ),
     ] = False,
     tool: Annotated[
-        str, typer.Option(help="Tool from the platform point, m, for --struts-apart: 0,0,-0.05.")
+        str,
+        typer.Option(help="Tool relative to the platform point for --struts-apart, m: 0,0,-0.05."),
     ] = "0,0,0",
     following: Annotated[
         int,
         typer.Option(
-            "--next", help="Plan so many readings of each instrument of a list.", min=0, max=100
+            "--next",
+            help="Number of next readings to plan with each instrument.",
+            min=0,
+            max=100,
         ),
     ] = 0,
     offers: Annotated[
         Path | None,
         typer.Option(
-            "--sensors", help="Instruments and prices for --next (YAML), for the shipped ones."
+            "--sensors",
+            help="List of instruments and prices for --next (YAML), instead of the built-in one.",
         ),
     ] = None,
     budget: Annotated[
         float | None,
-        bounded(help="Most that an instrument of --next may cost.", limits=(1e-9, 1e12)),
+        bounded(help="Largest price of an instrument of --next.", limits=(1e-9, 1e12)),
     ] = None,
     report: Report = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find the geometry of a robot from measured poses.
+    """Estimate a robot's geometry from measured poses.
 
-    It says what they know of it, and what they cannot.
+    The command also reports which numbers the readings do not determine.
 
-    Tracker, bed probe, gauge blocks, calliper and ballbar, in any mixture.
+    Readings come from a tracker, bed probe, gauge blocks, calliper or ballbar, in any combination.
     """
     from deltaid.exports.firmware import firmware_text
     from deltaid.sensors.planning.offers import shipped_offers

@@ -49,30 +49,30 @@ _COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "g
 
 
 def columns(
-    log: Annotated[Path, typer.Argument(help="A recording of any kind, with any names.")],
+    log: Annotated[Path, typer.Argument(help="Recording of any kind, with any column names.")],
     robot: Annotated[
-        str | None, typer.Argument(help="Catalogue name or file; its drives are sought.")
+        str | None, typer.Argument(help="Catalogue name or file of the robot.")
     ] = None,
     output: Annotated[
-        Path | None, output_file("--output", "-o", help="Where to write the mapping (YAML).")
+        Path | None, output_file("--output", "-o", help="Mapping file to write (YAML).")
     ] = None,
     unit: Annotated[
         list[str] | None,
-        typer.Option(help="Unit of a quantity, such as torque='0.0235 N*m'; repeated."),
+        typer.Option(help="Unit of a quantity, such as torque='0.0235 N*m'. Repeatable."),
     ] = None,
     gear: Annotated[
-        float | None, bounded(help="Motor turns per joint turn, for columns of the motors.")
+        float | None, bounded(help="Motor turns per joint turn, for motor columns.")
     ] = None,
     torque_constant: Annotated[
-        float | None, bounded(help="N m per A at the motor, for currents.")
+        float | None, bounded(help="Torque constant at the motor, N m per A.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find out which column of a recording is what.
+    """Propose which column of a recording holds which quantity.
 
-    It says how sure that is, and why.
+    Each proposal has a reason and states any doubt.
 
-    Exit code 0: it is certain; 3: something is in doubt or missing.
+    Exit code 0: no doubt; 3: a quantity is in doubt or missing.
     """
     require_outputs([log, robot], {"--output": output})
     given = dict(_unit(text) for text in unit or ())
@@ -172,26 +172,25 @@ def _print_line(mark: str, text: str) -> None:
 def check(
     robot: Robot,
     logs: Annotated[
-        list[Path] | None, typer.Argument(help="Recordings; without any, the description only.")
+        list[Path] | None, typer.Argument(help="Recordings. Default: the description only.")
     ] = None,
     columns: ColumnFiles = None,
     cutoff: Cutoff = None,
     write: Annotated[
-        Path | None,
-        output_file(help="Where to write the robot file or mapping with all that is proposed."),
+        Path | None, output_file(help="Robot file or mapping to write, with all proposed fixes.")
     ] = None,
     report: Report = None,
     keep_all: KeepAll = False,
     full: Annotated[
-        bool, typer.Option("--full", help="List what is good too, with its numbers.")
+        bool, typer.Option("--full", help="List good verdicts too, with their numbers.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find what is wrong with a description or recording.
+    """Detect faults of a description or a recording.
 
-    Each finding comes with its likeliest cause and how to correct it.
+    Each verdict states the likeliest cause and the fix.
 
-    Exit code 0: all is good; 3: something is doubtful or cannot be told; 4: something is wrong.
+    Exit code 0: all verdicts are good; 3: one is doubtful or undecided; 4: one is wrong.
     """
     from deltaid.checks.verdicts import as_written
     from deltaid.recording.mapping import FOUND, as_words

@@ -33,42 +33,50 @@ Trajectory = Annotated[
 ]
 OnPlant = Annotated[
     str | None,
-    typer.Option(help="The robot it runs on: another model, robot name or file. Default: MODEL."),
+    typer.Option(
+        help="Simulated robot: a model, a catalogue name or a robot file. Default: MODEL."
+    ),
 ]
-Rate = Annotated[float, typer.Option(help="Samples a second of the drives.")]
-Bandwidth = Annotated[float, typer.Option(help="Of the feedback, in Hz.")]
+Rate = Annotated[float, typer.Option(help="Sampling rate of the drives, Hz.")]
+Bandwidth = Annotated[float, typer.Option(help="Bandwidth of the feedback, Hz.")]
 Encoder = Annotated[
     float | None,
     typer.Option(help="Encoder step, rad or m; 0 for none. Default: 2⁻²⁰ of a turn.", min=0),
 ]
-Delay = Annotated[int, typer.Option(help="Samples from reading to use.", min=0, max=1000)]
+Delay = Annotated[
+    int, typer.Option(help="Delay from measurement to command, in samples.", min=0, max=1000)
+]
 PayloadText = Annotated[
     str | None,
     typer.Option(
         "--payload",
-        help="Load at the tool of the robot that is moved, kg: 1.5, or 1.5±0.1 (or 1.5+-0.1).",
+        help="Load at the tool of the simulated robot, kg: 1.5, 1.5±0.1 or 1.5+-0.1.",
         metavar="MASS[±STD]",
     ),
 ]
-PayloadKnown = Annotated[bool, typer.Option("--payload-known", help="The controller knows MASS.")]
+PayloadKnown = Annotated[
+    bool, typer.Option("--payload-known", help="Let the controller know the mass of --payload.")
+]
 CurrentLoop = Annotated[
     float | None,
-    typer.Option(help="Bandwidth of the drives' current loop, Hz. Default: torques at once."),
+    typer.Option(help="Bandwidth of the drives' current loop, Hz. Default: ideal."),
 ]
 ElasticGears = Annotated[
     bool,
-    typer.Option("--elastic-gears", help="Gears wind up by the plant's gear_stiffness."),
+    typer.Option(
+        "--elastic-gears", help="Simulate compliant gears with the robot's gear_stiffness."
+    ),
 ]
 
 _USUAL = ControlSettings()
 
 
 def simulate(
-    model: Annotated[str, typer.Argument(help="A saved model; or a robot, by name or file.")],
+    model: Annotated[str, typer.Argument(help="Saved model, catalogue name or robot file.")],
     trajectory: Trajectory,
     controller: Annotated[
         ControllerName,
-        typer.Option(help="What the drives' computer does."),
+        typer.Option(help="Control law."),
     ] = "computed-torque",
     plant: OnPlant = None,
     rate: Rate = _USUAL.rate,
@@ -81,19 +89,21 @@ def simulate(
     elastic_gears: ElasticGears = False,
     columns: Columns = None,
     output: Annotated[
-        Path | None, output_file("--output", "-o", help="CSV file for motion and torques.")
+        Path | None,
+        output_file("--output", "-o", help="CSV file to write, with motion and torques."),
     ] = None,
     report: Report = None,
     force: UsePoor = False,
     as_json: AsJson = False,
 ) -> None:
-    """Follow a motion with a controller and a plant.
+    """Simulate a controller that follows a motion.
 
-    The controller knows MODEL; the robot may be another one.
+    The controller uses MODEL; the simulated robot may differ from it.
 
-    Friction at rest, torque limits, encoder steps and sampling are simulated. A robot stands for
-    its prior. A motion that asks for more than the robot has, or that its controller does not
-    follow, is said in red; the exit code stays 0, and --json has it under "infeasible".
+    The simulation includes friction at rest, torque limits, encoder steps and sampling. A robot
+    without identified parameters has those of its prior. If the motion exceeds what the robot can
+    do, or the controller does not follow it, the command prints this in red; the exit code stays 0,
+    and --json has it under "infeasible".
     """
     from deltaid.view.tracking import drive_table
 
@@ -147,7 +157,9 @@ def simulate(
 def compare_controllers(
     model: ModelOrRobot,
     trajectory: Trajectory,
-    plant: Annotated[str, typer.Option(help="The true robot: another model, robot name or file.")],
+    plant: Annotated[
+        str, typer.Option(help="Simulated robot: a model, a catalogue name or a robot file.")
+    ],
     rate: Rate = _USUAL.rate,
     bandwidth: Bandwidth = _USUAL.bandwidth,
     encoder: Encoder = None,
@@ -162,10 +174,10 @@ def compare_controllers(
 ) -> None:
     """Compare tracking: prior, base values, full model.
 
-    Every controller runs with every model on the plant, all tuned alike: what differs is what they
-    know of the robot. With --payload, the identified model runs a second time with its mass known,
-    and all runs again two standard deviations off. Runs at a limit, lost, or far from the motion
-    are marked in the table, and none of them is called best; the exit code stays 0.
+    Every controller runs with every model on the simulated robot. All are tuned alike, so only the
+    models differ. With --payload, the identified model also runs with known mass, and all runs are
+    repeated with loads two standard deviations off. The table marks runs at a limit, lost, or far
+    from the motion, and calls none of them best. The exit code stays 0.
     """
     from deltaid.view.tracking import comparison_table, infeasible_lines
 

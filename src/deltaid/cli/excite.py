@@ -34,45 +34,56 @@ _ACCOUNT = (
 def excite(
     robot: Robot,
     output: Annotated[
-        Path | None, output_file("--output", "-o", help="CSV file for the motion.")
+        Path | None, output_file("--output", "-o", help="CSV file to write, with the motion.")
     ] = None,
     verify_out: Annotated[
-        Path | None, output_file(help="CSV file for a second motion, to verify the model on.")
+        Path | None,
+        output_file(help="CSV file to write, with a second motion to verify the model."),
     ] = None,
-    criterion: Annotated[
-        CriterionName, typer.Option(help="logdet, cond, a-optimal or e-optimal.")
-    ] = "logdet",
+    criterion: Annotated[CriterionName, typer.Option(help="Optimality criterion.")] = "logdet",
     by: Annotated[
         PurposeName,
-        typer.Option("--for", help="torques, or sensors of the description besides."),
+        typer.Option(
+            "--for",
+            help="Measurements to plan for: torques, or also the sensors of the description.",
+        ),
     ] = "torques",
     weigh_prior: Annotated[
-        bool, typer.Option("--weigh-prior", help="Excite most what the prior knows least.")
+        bool,
+        typer.Option("--weigh-prior", help="Weight parameters by the uncertainty of their priors."),
     ] = False,
     duration: Annotated[
         float,
-        bounded(help="About how long to move, without the ramps, in s.", limits=(0.1, 3600.0)),
+        bounded(help="Approximate duration without the ramps, s.", limits=(0.1, 3600.0)),
     ] = 10.0,
-    harmonics: Annotated[int, typer.Option(help="Harmonics of the series.", min=1, max=20)] = 5,
+    harmonics: Annotated[
+        int, typer.Option(help="Number of harmonics of the Fourier series.", min=1, max=20)
+    ] = 5,
     repeats: Annotated[
-        int, typer.Option(help="Run it so often, for averaging.", min=1, max=1000)
+        int, typer.Option(help="Number of repetitions of the motion.", min=1, max=1000)
     ] = 1,
     velocity_weight: Annotated[
-        float, typer.Option(help="Weight of speed in the criterion.", min=0, max=1e6)
+        float, typer.Option(help="Weight of speeds in the criterion.", min=0, max=1e6)
     ] = 0.1,
     torque_noise: Annotated[
         float,
         bounded(
-            help="Torque noise for the prediction, share of the largest torque.",
+            help="Torque noise of the prediction, share of the largest torque.",
             limits=(1e-9, 10.0),
         ),
     ] = 0.02,
     rate: Annotated[
-        float, bounded(help="Samples per second of the file.", limits=(1.0, 1e5))
+        float, bounded(help="Sampling rate of the file, Hz.", limits=(1.0, 1e5))
     ] = 1000.0,
-    starts: Annotated[int, typer.Option(help="Number of starts.", min=1, max=1000)] = 8,
-    seed: Annotated[int, typer.Option(help="Same seed, same motion.", min=0)] = 0,
-    plot: Annotated[Path | None, output_file(help="PNG or SVG picture of the motion.")] = None,
+    starts: Annotated[
+        int, typer.Option(help="Number of starts of the search.", min=1, max=1000)
+    ] = 8,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the search; the same seed gives the same motion.", min=0)
+    ] = 0,
+    plot: Annotated[
+        Path | None, output_file(help="Picture of the motion to write (.png or .svg).")
+    ] = None,
     report: Report = None,
     full: Full = False,
     as_json: AsJson = False,
@@ -80,7 +91,7 @@ def excite(
 ) -> None:
     """Optimise a motion for identification.
 
-    It is at rest at both ends and within all limits.
+    The motion is at rest at both ends and stays within all limits.
 
     Ctrl-C ends the search and keeps the best feasible motion so far.
     """

@@ -34,20 +34,20 @@ from deltaid.model.options import lag_of
 def export(
     model: Annotated[
         str,
-        typer.Argument(help="A model saved by `deltaid identify`, or a robot, by its prior."),
+        typer.Argument(help="Saved model; or catalogue name or robot file, for its prior."),
     ],
-    to: Annotated[TargetName, typer.Option("--to", help="Form to write.")],
+    to: Annotated[TargetName, typer.Option("--to", help="Target format.")],
     output: Annotated[
         str,
         typer.Option(
             "--output",
             "-o",
-            help="File to write, or folder (name/): with README and test vectors.",
+            help="File to write, or folder (name/) with README and test vectors.",
             metavar="PATH",
         ),
     ],
     single: Annotated[
-        bool, typer.Option("--single", help="Code in single precision: float, REAL.")
+        bool, typer.Option("--single", help="Generate code in single precision: float, REAL.")
     ] = False,
     further: Annotated[
         str,
@@ -59,39 +59,44 @@ def export(
     ] = "",
     rate: Annotated[
         float | None,
-        bounded(help="Cycles a second of the function online; 1000.", limits=(10.0, 1e5)),
+        bounded(help="Rate of the function online, Hz. Default: 1000.", limits=(10.0, 1e5)),
     ] = None,
     payload_max: Annotated[
         float | None,
-        bounded(help="Largest mass that the function online expects, kg.", limits=(1e-3, 1e4)),
+        bounded(
+            help="Largest load of the function online, kg. Default: three times the body "
+            "that carries it.",
+            limits=(1e-3, 1e4),
+        ),
     ] = None,
     false_alarms: Annotated[
-        float | None, typer.Option(help="False alarms of contact an hour, of the same; 1.")
+        float | None,
+        typer.Option(help="False contact alarms per hour of the function online. Default: 1."),
     ] = None,
     payload: Annotated[
         str | None,
         typer.Option(
-            help="What the tool holds all the time: a mass in kg, or a load that MODEL was "
-            "identified with, by its name.",
+            help="Constant load at the tool: a mass in kg, or the name of a load "
+            "identified with MODEL.",
             metavar="MASS or NAME",
         ),
     ] = None,
     without_friction: Annotated[
-        bool, typer.Option("--without-friction", help="Leave all friction out.")
+        bool, typer.Option("--without-friction", help="Write no friction.")
     ] = False,
     plain_friction: Annotated[
         bool,
         typer.Option(
             "--plain-friction",
-            help="The nearest viscous and Coulomb friction; a warning states its error.",
+            help="Write the nearest viscous and Coulomb friction. A warning reports the error.",
         ),
     ] = False,
-    fmi: Annotated[FmiVersion, typer.Option("--fmi", help="Version of FMI, of a unit.")] = "2",
+    fmi: Annotated[FmiVersion, typer.Option("--fmi", help="FMI version of an FMU.")] = "2",
     force: UsePoor = False,
 ) -> None:
     """Export a model: C, structured text, FMU, MJCF, …
 
-    docs/export.md says how to use each one, and what friction, gear, units and frames are there.
+    docs/export.md describes each target: its use, friction, gears, units and frames.
     """
     functions = names(further)
     online = _online(functions, rate, payload_max, false_alarms)
@@ -148,42 +153,45 @@ def _online(
 
 
 def online(
-    model: Annotated[str, typer.Argument(help="A saved model of this robot.")],
-    log: Annotated[Path, typer.Argument(help="A recording at the controller's rate.")],
+    model: Annotated[str, typer.Argument(help="Saved model of this robot.")],
+    log: Annotated[Path, typer.Argument(help="Recording at the controller's rate.")],
     columns: Columns = None,
     gripper: Annotated[
-        str | None, typer.Option(help="Column that is 1 while something is held, else 0.")
+        str | None, typer.Option(help="Column that is 1 while a load is held, otherwise 0.")
     ] = None,
     payload_max: Annotated[
-        float | None, bounded(help="Largest mass that is ever held, kg.")
+        float | None,
+        bounded(help="Largest load, kg. Default: three times the body that carries it."),
     ] = None,
     grip_time: Annotated[
-        float, typer.Option(help="From the gripper's signal to the load being held, or left, s.")
+        float, typer.Option(help="Delay from the gripper's signal to grip or release, s.")
     ] = 0.0,
     lag: Annotated[
         str | None,
         typer.Option(
-            help="How late torques come, ms, one or one a drive; none; the model's by default.",
+            help="Lag of torques behind positions, ms: one for all drives, one per "
+            "drive, or none. Default: the model's.",
             show_default=False,
         ),
     ] = None,
     false_alarms: Annotated[
-        float, typer.Option(help="False alarms of contact that are accepted in an hour.")
+        float, typer.Option(help="Accepted false contact alarms per hour.")
     ] = 1.0,
     output: Annotated[
-        Path | None, output_file("--output", "-o", help="Table over time (.parquet or .csv).")
+        Path | None,
+        output_file("--output", "-o", help="Table over time to write (.parquet or .csv)."),
     ] = None,
     report: Report = None,
     force: UsePoor = False,
     full: Full = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find loads and contacts, cycle by cycle.
+    """Detect loads and contacts, cycle by cycle.
 
-    It reads a recording as it would be read while the robot runs.
+    The command processes a recording as a controller would while the robot runs.
 
-    Without a gripper's signal loads are found from torques alone; a push straight up or down then
-    looks like one.
+    Without a gripper's signal it detects loads from torques alone; a vertical push then looks like
+    a load.
     """
     from deltaid.fleets.drift_tables import require_table, save
     from deltaid.online import contact, replay, settings, watch

@@ -28,7 +28,8 @@ def fleet(
     manifest: Annotated[
         str,
         typer.Argument(
-            help="Robots, types and recordings: YAML, CSV or Parquet.", metavar="MANIFEST"
+            help="Manifest of robots, types and recordings (YAML, CSV or Parquet).",
+            metavar="MANIFEST",
         ),
     ],
     output: Annotated[
@@ -37,25 +38,27 @@ def fleet(
             "--output",
             "-o",
             metavar="FOLDER",
-            help="Factor files and tables: a folder, or an address such as s3://bucket/fleet.",
+            help="Folder, or address such as s3://bucket/fleet, of factor files and tables.",
         ),
     ],
     scheduler: Annotated[
         str | None,
-        typer.Option(help="Dask cluster that does the work, such as tcp://10.0.0.5:8786."),
+        typer.Option(
+            help="Address of a Dask cluster, such as tcp://10.0.0.5:8786. Default: this machine."
+        ),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes on this machine. Default: one a core.")
+        int | None, typer.Option(min=1, help="Processes on this machine. Default: one per core.")
     ] = None,
     period: Annotated[
         Period | None,
         typer.Option(
-            help="Recordings of which are fitted together. Default: the manifest's, or week."
+            help="Period whose recordings are fitted together. Default: the manifest's, or week."
         ),
     ] = None,
     cutoff: Annotated[
         float | None,
-        bounded(help="Low-pass cut-off in Hz. Default: by the first recording of each type."),
+        bounded(help="Low-pass cut-off, Hz. Default: from the first recording of each type."),
     ] = None,
     lag: Lag = "estimate",
     compliance: Compliance = "estimate",
@@ -63,13 +66,16 @@ def fleet(
     events: Events = True,
     friction: Annotated[
         FrictionLaws,
-        typer.Option(help="choose: further terms where recordings ask for one; described: none."),
+        typer.Option(
+            help="Friction laws: as described, or with additional terms that the "
+            "recordings require."
+        ),
     ] = "choose",
     prior_out: Annotated[
         Path | None,
         output_file(
             "--prior-out",
-            help="Description of the next robot, with what the fleet knows of its type.",
+            help="Description of the next robot to write, with the fleet's knowledge as prior.",
         ),
     ] = None,
     limit: Limit = None,
@@ -77,26 +83,30 @@ def fleet(
     since: Since = None,
     force: Force = False,
     retry: Annotated[
-        bool, typer.Option("--retry", help="Try again what was put into quarantine before.")
+        bool, typer.Option("--retry", help="Try recordings and robots in quarantine again.")
     ] = False,
     drop_absent: Annotated[
         bool,
         typer.Option(
-            "--drop-absent", help="Forget recordings that are away and cannot be used as asked."
+            "--drop-absent",
+            help="Drop data of absent recordings that cannot be used with these options.",
         ),
     ] = False,
     regather: Annotated[
-        bool, typer.Option("--regather", help="Gather anew what was gathered otherwise.")
+        bool,
+        typer.Option(
+            "--regather", help="Gather recordings again that were gathered with other options."
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fit many robots, and watch them for drift.
+    """Fit many robots, and monitor them for drift.
 
-    Gathers their recordings in parallel, fits each robot in each period, and looks for
+    The command gathers recordings in parallel, fits each robot in each period, and searches for
     drift.
 
-    It may be ended at any time: the same call does what is left. A recording or a robot that cannot
-    be used is put into quarantine with its reason and stops nothing else.
+    You may end it at any time: the same call continues. It puts an unusable recording or robot into
+    quarantine with the reason, and continues with the others.
     """
     from deltaid.fleets import place
     from deltaid.fleets.fleet import find_fleet

@@ -40,7 +40,8 @@ def gather(
         list[Path], typer.Argument(help="Recordings: CSV, Parquet, MATLAB, HDF5, bags, …")
     ],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder of factor files.", metavar="FOLDER")
+        Path,
+        typer.Option("--output", "-o", help="Folder to write factor files into.", metavar="FOLDER"),
     ],
     columns: ColumnFiles = None,
     cutoff: Cutoff = None,
@@ -53,8 +54,8 @@ def gather(
 ) -> None:
     """Condense recordings to files below 1 MB each.
 
-    `deltaid identify` takes such files in the place of recordings. Gathering is repeated at no
-    cost: a recording that has been gathered before is not read again.
+    `deltaid identify` accepts these files instead of recordings. A recording that was gathered
+    before is not read again.
     """
     from deltaid.fleets.gather import gather_into
 
@@ -164,17 +165,15 @@ _LIMIT = re.compile(r"(\d+(?:\.\d+)?)\s*(N\s*·?\s*m|N)?")
 Limit = Annotated[
     str | None,
     typer.Option(
-        help="Friction that is too much: times what it was, such as 1.5, or 12Nm, or 40N.",
+        help="Limit of friction: a multiple of its initial value, such as 1.5, or 12Nm or 40N.",
         metavar="LIMIT",
     ),
 ]
-FalseAlarms = Annotated[
-    float, typer.Option(help="False alarms of drift that a robot may have in a year, at most.")
-]
+FalseAlarms = Annotated[float, typer.Option(help="Accepted false drift alarms per robot and year.")]
 Since = Annotated[
     str | None,
     typer.Option(
-        help="Exclude from drift what was recorded before this day, such as that of a repair.",
+        help="Exclude recordings before this day from drift, such as the day of a repair.",
         metavar="DATE",
     ),
 ]
@@ -217,9 +216,7 @@ def drift_settings(limit: str | None, false_alarms: float, since: str | None) ->
 
 
 def drift(
-    robot: Annotated[
-        str, typer.Argument(help="Catalogue name, a robot file, or a model of this robot.")
-    ],
+    robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
     factors: Annotated[
         list[Path], typer.Argument(help="Files of `deltaid gather`, or their folder.")
     ],
@@ -228,20 +225,21 @@ def drift(
     since: Since = None,
     output: Annotated[
         Path | None,
-        output_file("--output", "-o", help="Table of what was found (.parquet or .csv)."),
+        output_file("--output", "-o", help="Table of the results to write (.parquet or .csv)."),
     ] = None,
     friction: Annotated[
-        Path | None, output_file(help="Table of each recording's friction (.parquet or .csv).")
+        Path | None,
+        output_file(help="Table of each recording's friction to write (.parquet or .csv)."),
     ] = None,
     full: Full = False,
     as_json: AsJson = False,
     force: UsePoor = False,
 ) -> None:
-    """Find friction that changes over weeks and months.
+    """Detect friction that changes over weeks and months.
 
-    Since when, how fast, and when it reaches a limit.
+    The command reports since when, how fast, and when friction reaches a limit.
 
-    Temperature and load are taken out. docs/drift.md says what alarms rest on.
+    Effects of temperature and load are removed. docs/drift.md describes the alarms.
     """
     from deltaid.fleets import drift_tables, factor_file, identify_gathered, robot_drift
 

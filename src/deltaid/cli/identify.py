@@ -63,26 +63,27 @@ def identify(
         ),
     ],
     output: Annotated[
-        Path | None, output_file("--output", "-o", help="Where to save the model (YAML).")
+        Path | None, output_file("--output", "-o", help="Model file to write (YAML).")
     ] = None,
     verify: Annotated[
-        Path | None, typer.Option(help="A recording of another motion, to test the model on.")
+        Path | None, typer.Option(help="Recording of another motion to test the model on.")
     ] = None,
     columns: ColumnFiles = None,
     method: Annotated[
         Method,
         typer.Option(
-            help="conic: certified optimum; log-cholesky: the paper's.", rich_help_panel=_FIT
+            help="Solver: conic certifies the optimum; log-cholesky is the paper's.",
+            rich_help_panel=_FIT,
         ),
     ] = "conic",
     regularizer: Annotated[
         RegularizerName,
-        typer.Option(help="Distance that pulls towards the prior.", rich_help_panel=_FIT),
+        typer.Option(help="Distance from the prior that the fit penalises.", rich_help_panel=_FIT),
     ] = "euclidean",
     gamma: Annotated[
         float | None,
         bounded(
-            help="Weight of the prior. Default: from the data's noise.",
+            help="Weight of the prior. Default: from the noise of the data.",
             limits=GAMMA_LIMITS,
             panel=_FIT,
         ),
@@ -90,7 +91,7 @@ def identify(
     prior_spread: Annotated[
         float,
         bounded(
-            help="How far the prior may be off, as a share (one sigma).",
+            help="Standard deviation of the prior, as a share of its values.",
             limits=SPREAD_LIMITS,
             panel=_FIT,
         ),
@@ -100,7 +101,7 @@ def identify(
     friction: Annotated[
         FrictionLaws,
         typer.Option(
-            help="choose: further terms where the data shows one; described: none.",
+            help="Friction laws: as described, or with additional terms that the data requires.",
             rich_help_panel=CORRECTIONS,
         ),
     ] = "choose",
@@ -109,7 +110,8 @@ def identify(
     effects: Annotated[
         EffectsChoice,
         typer.Option(
-            help="Zeros, gear ratios, lengths, tilt, forces, ripples that the recording asks for.",
+            help="Zeros, gear ratios, lengths, tilt, forces and ripples: correct them where the "
+            "recording requires it, or none.",
             rich_help_panel=CORRECTIONS,
         ),
     ] = "correct",
@@ -118,7 +120,7 @@ def identify(
     intervals: Annotated[
         IntervalChoice,
         typer.Option(
-            help="Of parameters: linear about the fit, or of models drawn from the posterior.",
+            help="Parameter intervals: linearised about the fit, or from posterior samples.",
             rich_help_panel=_FIT,
         ),
     ] = "linear",
@@ -128,7 +130,7 @@ def identify(
 ) -> None:
     """Identify dynamic parameters from recordings.
 
-    Recordings hold joint positions and motor torques.
+    Recordings contain joint positions and motor torques.
     """
     # Imports create many permanent objects; scanning them in garbage collection would take a fifth
     # of the time.
@@ -223,7 +225,9 @@ def identify(
 
 def validate(
     model: ModelOrRobot,
-    log: Annotated[Path, typer.Argument(help="A recording, in any kind of file; or its factors.")],
+    log: Annotated[
+        Path, typer.Argument(help="Recording in any supported format, or its factor file.")
+    ],
     columns: Columns = None,
     report: Report = None,
     keep_all: KeepAll = False,

@@ -34,20 +34,20 @@ Reproduced = tuple[Any, Page, Finished, tuple[str, ...]]
 
 
 def show(
-    robot: Annotated[
-        str, typer.Argument(help="Catalogue name or YAML file of the robot, or a saved model.")
-    ],
+    robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
     report: Annotated[
         Path | None,
-        output_file("--report", "-o", help="HTML page: picture, workspace, reach, condition."),
+        output_file(
+            "--report", "-o", help="HTML page to write: picture, workspace, reach, condition."
+        ),
     ] = None,
     live: Annotated[
-        bool, typer.Option("--live", help="Open a view in which one drags the platform.")
+        bool, typer.Option("--live", help="Open a view in which you drag the platform.")
     ] = False,
     port: Annotated[
         int | None,
         bounded(
-            help="Port of the live view. Default: 8080, or the next that is free.",
+            help="Port of the live view. Default: 8080, or the next free one.",
             limits=(0, 65535),
         ),
     ] = None,
@@ -55,7 +55,7 @@ def show(
 ) -> None:
     """Show a robot's workspace, limits and holding torques.
 
-    What it can reach, which limits end that, condition, torques at rest.
+    The command computes reach, the limits that end it, condition, and torques at rest.
 
     Without options it prints tables.
     """
@@ -106,23 +106,26 @@ def show(
 
 
 def base(
-    robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file of the robot.")],
+    robot: Annotated[str, typer.Argument(help="Catalogue name or robot file.")],
     logs: Annotated[
-        list[Path] | None, typer.Argument(help="Recordings, to estimate the values as well.")
+        list[Path] | None,
+        typer.Argument(help="Recordings to estimate values from. Default: formulas only."),
     ] = None,
     method: Annotated[
-        LeastSquaresMethod, typer.Option(help="Least squares: W = I, diag(τ_max)⁻², or Σ⁻¹.")
+        LeastSquaresMethod, typer.Option(help="Least squares with W = I, diag(τ_max)⁻², or Σ⁻¹.")
     ] = "weighted",
     columns: ColumnFiles = None,
     cutoff: Cutoff = None,
-    seed: Annotated[int, typer.Option(help="Seed of the random motion without a log.", min=0)] = 0,
+    seed: Annotated[
+        int, typer.Option(help="Seed of the random motion, without recordings.", min=0)
+    ] = 0,
     keep_all: KeepAll = False,
     full: Full = False,
     as_json: AsJson = False,
 ) -> None:
     """List base parameters as formulas, or estimate them.
 
-    Recordings are needed for their values.
+    To estimate them, give recordings.
     """
     from deltaid.dynamics.dynamics import compiled
     from deltaid.estimation import information, reduction
@@ -187,8 +190,8 @@ def schema(
     kind: Annotated[
         Kind,
         typer.Argument(
-            help="robot, columns (a log's mapping), model, sensors (what to buy), "
-            "fleet or measurements (of poses)."
+            help="Kind of file: robot, columns (mapping of a recording), model, sensors "
+            "(offer), fleet (manifest) or measurements (of poses)."
         ),
     ] = "robot",
 ) -> None:
@@ -210,26 +213,32 @@ def reproduce(
     example: Annotated[
         Example,
         typer.Argument(
-            help="surrogate: the test model of Sec. VII; irb360: the industrial robot of Sec. VIII."
+            help="Example: surrogate, the simulated robot of Sec. VII, or irb360, the "
+            "industrial robot of Sec. VIII."
         ),
     ],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder for report, results, models and logs.")
+        Path,
+        typer.Option(
+            "--output", "-o", help="Folder to write report, results, models and recordings into."
+        ),
     ],
-    seed: Annotated[int, typer.Option(help="Of motions, regularisations and noise.", min=0)] = 0,
+    seed: Annotated[
+        int, typer.Option(help="Seed of motions, regularisations and noise.", min=0)
+    ] = 0,
     starts: Annotated[
-        int, typer.Option(help="Starts of each motion's search.", min=1, max=1000)
+        int, typer.Option(help="Number of starts of the search for each motion.", min=1, max=1000)
     ] = 4,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Short motions and few steps, for a first look.")
+        bool, typer.Option("--quick", help="Use short motions and few steps.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Reproduce an example of the paper.
 
-    Its data is simulated, and the result is compared with its numbers.
+    The command simulates the data and compares the result with the paper's numbers.
 
-    The folder is made if it does not exist; files in it are replaced.
+    It creates the folder if it is missing, and replaces files in it.
     """
     from deltaid.reproduce import files
     from deltaid.view.html import write_page

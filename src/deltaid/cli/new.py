@@ -45,32 +45,28 @@ def new(
     ] = None,
     start: Annotated[
         str | None,
-        typer.Option(
-            "--from", metavar="ROBOT", help="Robot whose numbers stand where none are given."
-        ),
+        typer.Option("--from", metavar="ROBOT", help="Robot whose numbers replace missing ones."),
     ] = None,
     name: Annotated[
-        str | None, typer.Option(help="Name of the robot. Default: that of the file.")
+        str | None, typer.Option(help="Name of the robot. Default: the name of the file.")
     ] = None,
-    title: Annotated[str | None, typer.Option(help="What the robot is, in words.")] = None,
+    title: Annotated[str | None, typer.Option(help="Title of the robot, in words.")] = None,
     yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Ask nothing: assume what is not given.")
+        bool, typer.Option("--yes", "-y", help="Ask nothing, and assume missing numbers.")
     ] = False,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace the file if it is there.")
-    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     report: Annotated[
         Path | None,
-        output_file(help="HTML page: picture, workspace, reach, condition; works offline."),
+        output_file(help="HTML page to write: picture, workspace, reach, condition."),
     ] = None,
     **given: str | None,
 ) -> None:
-    """Describe your robot: it asks, and writes the file.
+    """Describe your robot: answer questions, get a file.
 
-    It asks for lengths, motors and masses.
+    The command asks for lengths, motors and masses.
 
-    Numbers may have units: 235mm, 0.235, "3 kg cm²", 400rpm. What nobody knows is assumed, and said
-    so in the file. Without a terminal nothing is asked.
+    Numbers may have units: 235mm, 0.235, "3 kg cm²", 400rpm. The file marks assumed numbers.
+    Without a terminal the command asks nothing.
     """
     if file.suffix.lower() not in YAML_ENDINGS:
         raise DeltaidError("must end in .yaml", where=str(file))

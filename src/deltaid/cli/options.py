@@ -56,7 +56,7 @@ def bounded(
 # Arguments of commands with a robot or a model.
 Robot = Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")]
 ModelOrRobot = Annotated[
-    str, typer.Argument(help="A saved model; or a robot, by name or file, for its prior.")
+    str, typer.Argument(help="Saved model; or catalogue name or robot file, for its prior.")
 ]
 
 # Options of all commands that read torques.
@@ -64,32 +64,33 @@ KeepAll = Annotated[
     bool,
     typer.Option(
         "--keep-all",
-        help="Exclude nothing: rest, brakes, stops, saturation, reversals.",
+        help="Exclude no rows: keep rest, brakes, stops, saturation, reversals.",
         rich_help_panel=CORRECTIONS,
     ),
 ]
-Columns = Annotated[Path | None, typer.Option(help="Which column is what, and its unit (YAML).")]
+Columns = Annotated[Path | None, typer.Option(help="Mapping file: columns and their units (YAML).")]
 MotionColumns = Annotated[
-    Path | None, typer.Option(help="Which column of MOTION is what, and its unit (YAML).")
+    Path | None, typer.Option(help="Mapping file: columns of MOTION and their units (YAML).")
 ]
 # Arguments of all commands with several recordings.
 ColumnFiles = Annotated[
     list[Path] | None,
     typer.Option(
-        help="Which column is what, its unit, and loads held (YAML); repeated, one a recording."
+        help="Mapping file: columns, units and loads (YAML). Repeatable: one for all "
+        "recordings, or one each."
     ),
 ]
 
 # Options of all commands that fit recordings, or gather them for a fit.
 Cutoff = Annotated[
     float | None,
-    bounded(help="Low-pass cut-off in Hz. Default: by the data.", panel=CORRECTIONS),
+    bounded(help="Low-pass cut-off, Hz. Default: from the data.", panel=CORRECTIONS),
 ]
 Lag = Annotated[
     Any,
     typer.Option(
-        help="Lag of torques behind positions: estimate, none, or ms, for all drives (2) or each "
-        "(2,2,2,-1.5).",
+        help="Lag of torques behind positions: estimate, none, or a number of ms, "
+        "for all drives (2) or each (2,2,2,-1.5).",
         metavar="LAG",
         parser=lag_of,
         rich_help_panel=CORRECTIONS,
@@ -98,27 +99,27 @@ Lag = Annotated[
 Compliance = Annotated[
     ComplianceChoice,
     typer.Option(
-        help="Gears that wind up: estimate where the description states no stiffness, or none.",
+        help="Compliance of gears: estimate it unless the description states a stiffness, or none.",
         rich_help_panel=CORRECTIONS,
     ),
 ]
 Events = Annotated[
     bool,
     typer.Option(
-        help="Detect contacts, stops, spikes and play in gears, and exclude them.",
+        help="Detect and exclude contacts, stops, spikes and backlash.",
         rich_help_panel=CORRECTIONS,
     ),
 ]
-Force = Annotated[bool, typer.Option("--force", help="Go on with what the checks call wrong.")]
+Force = Annotated[bool, typer.Option("--force", help="Continue although deltaid detects a fault.")]
 
-UsePoor = Annotated[bool, typer.Option("--force", help="Use a model that is poor.")]
+UsePoor = Annotated[bool, typer.Option("--force", help="Use a poor model.")]
 
 # Options of all commands with a result.
 Report = Annotated[
-    Path | None, output_file(help="HTML page with figures and tables, works offline.")
+    Path | None, output_file(help="HTML page to write, with figures and tables; works offline.")
 ]
 Full = Annotated[
-    bool, typer.Option("--full", help="Print every table and row, not what fits a screen.")
+    bool, typer.Option("--full", help="Print every table and row, not only what fits a screen.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 

@@ -25,25 +25,30 @@ def sensors(
     robot: Robot,
     motion: Annotated[
         Path | None,
-        typer.Argument(help="A planned motion or a recording; a random motion without one."),
+        typer.Argument(help="Planned motion or recording. Default: a random motion."),
     ] = None,
     goal: Annotated[
-        str, typer.Option(help="bodies, the name of one body, forces or gains.")
+        str, typer.Option(help="Goal: bodies, the name of one body, forces or gains.")
     ] = "bodies",
     budget: Annotated[
         float | None,
-        bounded(help="Most that all may cost; default: what is enough.", limits=(1e-9, 1e12)),
+        bounded(
+            help="Largest total price. Default: until everything is known well enough.",
+            limits=(1e-9, 1e12),
+        ),
     ] = None,
     offers: Annotated[
         Path | None,
-        typer.Option("--sensors", help="List of what could be bought (YAML), for the shipped one."),
+        typer.Option(
+            "--sensors", help="Offer of sensors and prices (YAML), instead of the built-in one."
+        ),
     ] = None,
     combine: Annotated[
         list[str] | None,
-        typer.Option(help="Also try these together: kitchen-scale:S,edge:S; may be repeated."),
+        typer.Option(help="Uses to evaluate together, such as kitchen-scale:S,edge:S. Repeatable."),
     ] = None,
     entries: Annotated[
-        str | None, typer.Option(help="Entries to show, such as U.mcx,S.m,P.m.")
+        str | None, typer.Option(help="Entries to print, such as U.mcx,S.m,P.m.")
     ] = None,
     columns: MotionColumns = None,
     torque_noise: Annotated[
@@ -51,10 +56,10 @@ def sensors(
         bounded(help="Torque noise, share of each drive's largest torque.", limits=(1e-9, 10.0)),
     ] = 0.02,
     rate: Annotated[
-        float, bounded(help="Independent samples a second.", limits=(1e-3, 1e6))
+        float, bounded(help="Independent samples per second.", limits=(1e-3, 1e6))
     ] = 200.0,
     duration: Annotated[
-        float, bounded(help="Of the random motion, in s.", limits=(0.1, 36_000.0))
+        float, bounded(help="Duration of the random motion, s.", limits=(0.1, 36_000.0))
     ] = 20.0,
     prior_spread: Annotated[
         float,
@@ -65,29 +70,36 @@ def sensors(
     gain_spread: Annotated[
         float | None,
         bounded(
-            help="Of torque constants, as a share. Default: 0, or 0.1 as the goal.",
+            help="Standard deviation of torque constants, as a share. Default: 0, or 0.1 "
+            "with --goal gains.",
             limits=(0.0, 10.0),
         ),
     ] = None,
     enough: Annotated[
         float,
-        bounded(help="Share of a value that is known well enough with.", limits=(1e-9, 1.0)),
+        bounded(
+            help="Standard deviation that is good enough, as a share of a value.",
+            limits=(1e-9, 1.0),
+        ),
     ] = 0.01,
-    steps: Annotated[int, typer.Option(help="Most things to buy.", min=1, max=100)] = 10,
+    steps: Annotated[
+        int, typer.Option(help="Largest number of things to buy.", min=1, max=100)
+    ] = 10,
     seed: Annotated[int, typer.Option(help="Seed of the random motion.", min=0)] = 0,
     print_list: Annotated[
-        bool, typer.Option("--list", help="Print the list of what could be bought and stop.")
+        bool, typer.Option("--list", help="Print the offer of sensors and prices, and stop.")
     ] = False,
     report: Report = None,
     full: Full = False,
     as_json: AsJson = False,
     force: UsePoor = False,
 ) -> None:
-    """Plan what to weigh and measure besides torques.
+    """Plan weighings and sensors in addition to torques.
 
-    What torques leave open of a robot's bodies, what would close it, and at which price.
+    The command shows which parameters of bodies torques do not determine, which measurements
+    determine them, and at which price.
 
-    Nothing is measured: standard deviations are predicted for a motion, a noise and a prior.
+    Nothing is measured: standard deviations are predictions for a motion, a noise and a prior.
     """
     from deltaid.robot.load import read_text
     from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES

@@ -15,22 +15,25 @@ from deltaid.view.numbers import percent
 
 
 def demo(
-    robot: Annotated[str, typer.Argument(help="Catalogue name or YAML file.")] = "irb360-6-1600",
-    seed: Annotated[int, typer.Option(help="Seed of truth, motions and noise.", min=0)] = 0,
+    robot: Annotated[str, typer.Argument(help="Catalogue name or robot file.")] = "irb360-6-1600",
+    seed: Annotated[
+        int, typer.Option(help="Seed of the true parameters, motions and noise.", min=0)
+    ] = 0,
     noise: Annotated[
         float, typer.Option(help="Torque noise as a share of the largest torque.", min=0, max=1)
     ] = 0.02,
     keep: Annotated[
-        Path | None, typer.Option(help="Folder to keep robot, logs and model in.")
+        Path | None,
+        typer.Option(help="Folder to write robot, recordings and model into. Default: none."),
     ] = None,
     full: Full = False,
 ) -> None:
     """Simulate a robot, record it, identify it, compare.
 
-    Its parameters are known, and the recording is as a drive would make it.
+    The true parameters are known, and the recording resembles that of a real drive.
 
-    The truth is up to 30 % away from the prior; the log has encoder steps and torque noise. The
-    motions keep the robot's limits.
+    The true parameters differ from the prior by up to 30 %; the recording has encoder steps and
+    torque noise. The motions stay within the robot's limits.
     """
     from deltaid.cli.identified import print_result
     from deltaid.identification.demo import FILES, demonstrate
@@ -61,23 +64,25 @@ def demo(
 
 def studio(
     folder: Annotated[
-        Path, typer.Argument(help="Where robot, recordings and models lie; made if missing.")
+        Path, typer.Argument(help="Folder of robot, recordings and models; created if missing.")
     ] = Path(),
     port: Annotated[
         int | None,
         typer.Option(
-            help="Port on this machine; 0 for any. Default: 8090, or the next one.",
+            help="Port on this machine; 0 for any. Default: 8090, or the next free one.",
             min=0,
             max=65535,
         ),
     ] = None,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
+    ] = True,
 ) -> None:
     """Work in a browser, on this machine only.
 
-    Robot, recording, check, fit, result, use.
+    The stages are robot, recording, check, fit, result and use.
 
-    Everything stays in FOLDER, in the files that the other commands read and write.
+    All files are in FOLDER; the other commands read and write the same files.
     """
     require(
         "nicegui",
@@ -103,7 +108,12 @@ def studio(
 
 
 def robots(
-    name: Annotated[str | None, typer.Argument(help="Print this robot's description file.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            help="Catalogue name of a robot whose file to print. Default: list all robots."
+        ),
+    ] = None,
 ) -> None:
     """List catalogue robots, or print one to start from."""
     from deltaid.robot.load import catalogue_text

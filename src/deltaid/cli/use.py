@@ -35,23 +35,25 @@ Form = Literal["npz", "mjcf"]
 
 def torque(
     model: ModelOrRobot,
-    log: Annotated[Path, typer.Argument(help="A recording or a planned motion, of any kind.")],
+    log: Annotated[
+        Path, typer.Argument(help="Recording or planned motion, in any supported format.")
+    ],
     output: Annotated[Path, output_file("--output", "-o", help="CSV file to write.")],
     columns: Columns = None,
     periodic: Annotated[
-        bool, typer.Option("--periodic", help="The motion goes on as it begins.")
+        bool,
+        typer.Option("--periodic", help="Treat the motion as one period of a repeated motion."),
     ] = False,
     force: UsePoor = False,
 ) -> None:
-    """Write the drive torques that a model predicts.
+    """Compute the drive torques that a model predicts.
 
-    Columns t, tau1, tau2, … in s and N m (N).
+    The columns are t, tau1, tau2, … in s and N m (N).
 
-    Where the identification found gains of the drives, these are the torques that the drives must
-    be commanded for what the joints need; all other numbers of a model are torques at the joints.
-    Without velocities and accelerations the positions are filtered and differentiated. A motion
-    that rests at an end, or is --periodic, has torques in every row; at an end that moves, as many
-    rows as the filter is long are written without.
+    If the identification estimated gains of the drives, these are the torques to command; all other
+    numbers of a model are torques at the joints. A motion without velocities and accelerations is
+    filtered and differentiated. If it rests at its ends, or is --periodic, every row has torques;
+    otherwise rows within the filter's length of an end have none.
     """
     require_outputs((model, log, columns), {"--output": output})
     known = deltaid.load(model)
@@ -69,25 +71,32 @@ def torque(
 def forces(
     model: ModelOrRobot,
     motion: Annotated[
-        Path, typer.Argument(help="A planned motion or a recording, in any kind of file.")
+        Path, typer.Argument(help="Planned motion or recording, in any supported format.")
     ],
     logs: Annotated[
         list[Path] | None,
-        typer.Option(help="A recording the model comes from, for ranges; may be repeated."),
+        typer.Option(
+            help="Recording that the model was fitted to, for narrower intervals. Repeatable."
+        ),
     ] = None,
     output: Annotated[
-        Path | None, output_file("--output", "-o", help="CSV file with all forces over time.")
+        Path | None,
+        output_file("--output", "-o", help="CSV file to write, with all forces over time."),
     ] = None,
     strut_spacing: Annotated[
-        float | None, typer.Option(help="Distance of a limb's struts, m, if not described.")
+        float | None,
+        typer.Option(help="Distance of a limb's struts, m, if the description lacks it."),
     ] = None,
     socket_force: Annotated[
-        float | None, typer.Option(help="Spring force at each ball, N, if not described.")
+        float | None,
+        typer.Option(help="Spring force at each ball joint, N, if the description lacks it."),
     ] = None,
     columns: MotionColumns = None,
     log_columns: Annotated[
         list[Path] | None,
-        typer.Option(help="The same for the recordings of --logs; repeated, one each."),
+        typer.Option(
+            help="Mapping file of the recordings of --logs. Repeatable: one for all, or one each."
+        ),
     ] = None,
     report: Report = None,
     force: UsePoor = False,
@@ -96,10 +105,11 @@ def forces(
 ) -> None:
     """Compute joint and strut forces along a motion.
 
-    Worst cases, margins of ball joints, and what is known of them.
+    The command prints worst cases, margins of ball joints, and the uncertainty of forces.
 
-    Some forces depend on parameters that no torque shows. With --logs the least and largest value
-    that agrees with the recordings is found, else how far the prior leaves a force open.
+    Some forces depend on parameters that torques do not determine. With --logs, the command
+    computes the smallest and largest force that agree with the recordings; otherwise how far the
+    prior leaves a force open.
     """
     from deltaid.view.forces import tables, verdict, what_is_open
 
@@ -162,24 +172,27 @@ def _findings(result: "deltaid.Forces") -> list[dict[str, Any]]:
 
 
 def sample(
-    model: Annotated[str, typer.Argument(help="A model saved by `deltaid identify`.")],
+    model: Annotated[str, typer.Argument(help="Model file of `deltaid identify`.")],
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help="File (.npz) or new folder (mjcf).", metavar="PATH"),
+        typer.Option(
+            "--output", "-o", help="File (.npz) or new folder (mjcf) to write.", metavar="PATH"
+        ),
     ],
     n: Annotated[
-        int, bounded("-n", "--number", help="How many models.", limits=SAMPLES_LIMITS)
+        int, bounded("-n", "--number", help="Number of models.", limits=SAMPLES_LIMITS)
     ] = 1000,
     seed: Annotated[
-        int, bounded(help="The same one gives the same models.", limits=(0.0, 2.0**63))
+        int, bounded(help="Seed; the same seed gives the same models.", limits=(0.0, 2.0**63))
     ] = 0,
     to: Annotated[
-        Form, typer.Option(help="npz: all parameters in one file; mjcf: a file a model.")
+        Form,
+        typer.Option(help="Format: npz, all parameters in one file; or mjcf, one file per model."),
     ] = "npz",
     limb_tolerance: Annotated[
         float,
         bounded(
-            help="Scatter of masses from limb to limb, as a share (one sigma).",
+            help="Standard deviation of masses between limbs, as a share.",
             limits=TOLERANCE_LIMITS,
         ),
     ] = 0.0,
@@ -189,10 +202,10 @@ def sample(
 ) -> None:
     """Draw consistent models from the posterior.
 
-    They are what data, prior and physical consistency allow together.
+    The samples follow data, prior and physical consistency together.
 
-    docs/posterior.md says what they are for: Monte Carlo of whatever follows from a model, and
-    domain randomisation that no recording contradicts.
+    docs/posterior.md describes their use: Monte Carlo of any result of a model, and domain
+    randomisation that agrees with the recordings.
     """
     from deltaid.view.models import sample_sentence, sample_table
 
