@@ -152,7 +152,7 @@ def plain(default: object) -> str:
 def prose(text: str) -> str:
     """Help as one line of Markdown; pages that it names are links, and bars do not end cells."""
     text = _ALIGNED.sub(" ", text).strip().replace("|", "\\|").replace("\b", "")
-    text = re.sub(r"\[/?(?:bold|italic|dim|cyan)\]", "", text)
+    text = re.sub(r"\[/?(?:bold|italic|dim|cyan)\]", "", text).replace("\\[", "[")
     text = re.sub(r"(?<![`\w])\[(?=[\w/°])", r"\\[", text)
     return re.sub(r"`?docs/(\w+)\.md`?", r"[\1](\1.md)", text)
 

@@ -14,6 +14,7 @@ import deltaid
 from command import run
 from deltaid.cli.app import app
 from deltaid.fleets.drift_findings import DriftSettings
+from deltaid.studio.drafting.questions import QUESTIONS
 from deltaid.view.page import made
 
 COMMANDS = sorted(typer.main.get_command(app).commands)
@@ -57,6 +58,14 @@ def test_an_option_has_the_default_of_its_setting(command: str, settings: object
     defaults = {name: vars(settings)[name] for name in vars(settings) if name in options}
     assert len(defaults) > 1
     assert {name: options[name] for name in defaults} == defaults
+
+
+def test_units_of_questions_are_in_the_help() -> None:
+    """Rich would read [m] as a style and print nothing."""
+    shown = " ".join(run("new", "--help").out.replace("│", " ").split())
+    for question in QUESTIONS:
+        unit = question.label.rpartition("[")[2]
+        assert not unit.endswith("]") or f"[{unit}" in shown, question.key
 
 
 def test_version() -> None:

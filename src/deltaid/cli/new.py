@@ -100,7 +100,7 @@ _options = [
             str | None,
             typer.Option(
                 question.option,
-                help=question.label,
+                help=question.label.replace("[", r"\["),  # Rich reads [m] as a style
                 rich_help_panel=_TITLES[question.group],
                 metavar="NUMBER",
             ),
