@@ -121,38 +121,25 @@ class WiringHypothesis:
         return rows * (weights[:, 0] / (by * rms_torques(tau)))[:, None, None]
 
     @cached_property
-    def highest(self) -> float:
-        """Upper bound of the score: least squares with any masses and constant torques."""
-        left = self._level(Quadratic.from_rows(self._without_constant(1.0)).c)
-        return -self._rows[:, :, 0].size * float(np.log(left))
-
-    @cached_property
     def fit(self) -> Consistent:
-        residual, (_, samples, _), noise, best = self.residual, self._rows.shape, 0.02, IMPOSSIBLE
+        rows, residual, noise, best = self._rows, self.residual, 0.02, IMPOSSIBLE
+        mean, count = rows.mean(axis=1, keepdims=True), rows[:, :, 0].size
         reduction, regularizer = _prior(residual.dynamics, tuple(residual.columns.tolist()))
         for _ in range(FEW_ROUNDS):
             # A constant torque has a prior of the usual size of offsets.
-            constant = 1 - 1 / np.sqrt(1 + samples * (OFFSET / noise) ** 2)
-            data = Quadratic.from_rows(self._without_constant(constant) / noise)
+            share = 1 - 1 / np.sqrt(1 + rows.shape[1] * (OFFSET / noise) ** 2)
+            data = Quadratic.from_rows((rows - share * mean).reshape(count, -1) / noise)
             try:
                 solution = _SOLVER.solve(Objective(reduction, data, regularizer, gamma=1.0))
             except IdentificationError:
                 return IMPOSSIBLE
             misfit, before = data.evaluate(solution.x)[0], noise
-            distance, noise = solution.objective - misfit, self._level(misfit * noise**2)
-            score = float(-self._rows[:, :, 0].size * np.log(noise) - 0.5 * distance)
-            best = Consistent(score, noise, distance)
+            distance = solution.objective - misfit
+            noise = float(np.sqrt(misfit * before**2 / count + LEAST**2))
+            best = Consistent(float(-count * np.log(noise) - 0.5 * distance), noise, distance)
             if abs(np.log(noise / before)) < LEVEL:
                 break
         return best
-
-    def _without_constant(self, share: float) -> Float[np.ndarray, "rows augmented"]:
-        rows = self._rows - share * self._rows.mean(axis=1, keepdims=True)
-        return rows.reshape(-1, rows.shape[2])
-
-    def _level(self, squares: float) -> float:
-        """Residual share of the torques for a sum of squares."""
-        return float(np.sqrt(squares / self._rows[:, :, 0].size + LEAST**2))
 
     @property
     def left(self) -> float:

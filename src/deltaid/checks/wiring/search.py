@@ -4,7 +4,7 @@ A hypothesis maps position columns: another sign, order or unit, or positions of
 undeclared gears, with the factor that explains the torques best.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, permutations, product
 from operator import attrgetter
@@ -35,8 +35,9 @@ SAMPLES, _FITTED = 120, 16
 SMALLEST, _LARGEST, _CLOSING = 1 / 3000, 1 / 1.5, 48
 # Longest lead of a linear drive [m per rad]: half a metre per revolution.
 _LONGEST = 0.5 / (2 * np.pi)
-# Range of named units about the best factor, and the step of its refinement.
-_NAMED, _FINE = (0.7, 1.4), 1.04
+# Step by which the factor of the best hypothesis is refined.
+_FINE = 1.04
+_EVIDENCE = attrgetter("evidence")
 
 
 def explained(
@@ -56,13 +57,8 @@ def explained(
     likely = _searched(dynamics, fine, coarse.few(SAMPLES), settled=any(c.clear for c in mapped))
     if likely is None:
         return tuple(mapped)
-    maps = dict.fromkeys(trial.map for trial in likely)
-    solved = {map: next(residuals(dynamics, fine, [map]), None) for map in maps}
-    fitted = (
-        WiringHypothesis(under, trial.order, trial.gains)
-        for trial in likely
-        if (under := solved[trial.map]) is not None
-    )
+    solved = {under.map: under for under in residuals(dynamics, fine, {t.map for t in likely})}
+    fitted = (replace(t, residual=solved[t.map]) for t in likely if t.map in solved)
     keys = [trial.key for trial in mapped]
     examined = [c for c in fitted if c.key not in keys and c.sensible] + mapped
     best = max(examined, key=lambda trial: trial.fit.score, default=None)
@@ -85,11 +81,11 @@ def _searched(
         as_is = next((trial.evidence for trial in trials if trial.changes == 0), -np.inf)
         if not trials or trials[0].evidence - as_is < as_good(len(trials[0].residual.Y)):
             return None
-    trials = _ranked(dynamics, trials)
+    trials = _ranked(trials)
     if not trials or trials[0].left > LITTLE or trials[0].map.scaled:
-        trials = _ranked(dynamics, [*trials, *_of_motors(dynamics, coarse)])
+        trials = _ranked([*trials, *_of_motors(dynamics, coarse)])
         if trials and trials[0].map.scaled:
-            trials = _ranked(dynamics, [*trials, *_refined(dynamics, coarse, trials[0])])
+            trials = _ranked([*trials, _narrowed(dynamics, coarse, trials[0], _FINE)])
     return sorted((t for t in trials if t.as_likely_as(trials[0])), key=attrgetter("complexity"))[
         :JUDGED
     ]
@@ -111,20 +107,26 @@ def together(
     identity = Map.identity(dynamics.dof)
     keys = dict.fromkeys(candidate.key for good in each for candidate in good)
     keys[identity, identity.order, identity.scale] = None
-    trials: dict[Assignment, list[WiringHypothesis | None]] = {key: [] for key in keys}
-    for motion in motions:
-        solved = {map: residual(dynamics, motion, map) for map, *_ in keys}
-        for (map, order, gains), fits in trials.items():
-            under = solved[map]
-            fits.append(under and WiringHypothesis(under, order, np.array(gains)))
-    posed = {key: [c for c in fits if c is not None] for key, fits in trials.items()}
-    scores = {key: sum(c.fit.score for c in fits) for key, fits in posed.items()}
-    best = max(scores, key=lambda key: scores[key])
-    margin = as_good(sum(len(c.residual.Y) for c in posed[best]))
+    posed = [_posed(dynamics, motion, keys) for motion in motions]
+    trials = {key: [fits[key] for fits in posed if key in fits] for key in keys}
+    scores = {key: sum(trial.fit.score for trial in trials[key]) for key in keys}
+    best = max(keys, key=lambda key: scores[key])
+    margin = as_good(sum(len(trial.residual.Y) for trial in trials[best]))
     good = [key for key in keys if scores[best] - scores[key] < margin]
-    good.sort(key=lambda key: min(c.complexity for c in posed[key]))
-    by_recording = zip(*(trials[key] for key in good), strict=True)
-    return tuple(tuple(filter(None, hypotheses)) for hypotheses in by_recording)
+    good.sort(key=lambda key: min(trial.complexity for trial in trials[key]))
+    return tuple(tuple(fits[key] for key in good if key in fits) for fits in posed)
+
+
+def _posed(
+    dynamics: Dynamics, motion: FilteredMotion, assignments: Iterable[Assignment]
+) -> dict[Assignment, WiringHypothesis]:
+    """Assignments as hypotheses about a motion, where enough of its samples have poses."""
+    solved = {map: residual(dynamics, motion, map) for map, *_ in assignments}
+    return {
+        (map, order, gains): WiringHypothesis(under, order, np.array(gains))
+        for map, order, gains in assignments
+        if (under := solved[map]) is not None
+    }
 
 
 def _decidable(map: Map, moves: Bool[np.ndarray, " drives"]) -> bool:
@@ -147,16 +149,8 @@ def _likely(candidates: Iterable[WiringHypothesis]) -> list[WiringHypothesis]:
     return sorted(fitted, key=lambda candidate: -candidate.evidence)
 
 
-def _ranked(dynamics: Dynamics, candidates: Collection[WiringHypothesis]) -> list[WiringHypothesis]:
-    """Hypotheses by likelihood, without those whose upper bound is below the best: these need no
-    fit."""
-    margin, best = as_good(dynamics.dof * SAMPLES), -np.inf
-    for trial in sorted(candidates, key=lambda candidate: -candidate.highest):
-        if trial.highest < best - margin:
-            break
-        best = max(best, trial.fit.score)
-    fitted = (trial for trial in candidates if trial.highest >= best - margin)
-    return sorted(fitted, key=lambda candidate: -candidate.fit.score)
+def _ranked(candidates: Iterable[WiringHypothesis]) -> list[WiringHypothesis]:
+    return sorted(candidates, key=lambda candidate: -candidate.fit.score)
 
 
 def _wirings(dynamics: Dynamics) -> Iterator[Map]:
@@ -209,22 +203,9 @@ def _best_factor(
         return None
     grid = np.geomspace(max(closing[0], closing[-1] / 30), closing[-1], _FITTED).tolist()
     trials = (identity.times(factor, drives) for factor in grid)
-    rough = next(iter(_likely(tried(dynamics, motion, trials, as_is=True))), None)
+    rough = max(tried(dynamics, motion, trials, as_is=True), key=_EVIDENCE, default=None)
     best = rough and _narrowed(dynamics, motion, rough, grid[1] / grid[0])
     return None if best is None or abs(best.map.scale[drives[0]]) > longest else best
-
-
-def _refined(
-    dynamics: Dynamics, motion: FilteredMotion, rough: WiringHypothesis
-) -> Iterator[WiringHypothesis]:
-    """The same drives with the best factor near the rough one, and in named units near it."""
-    drives, best = rough.map.scaled, _narrowed(dynamics, motion, rough, _FINE)
-    yield best
-    factor = abs(best.map.scale[drives[0]])
-    signs = replace(rough.map, scale=tuple(float(s) for s in np.sign(rough.map.scale)))
-    units = named_units(dynamics.robot, drives[0])
-    near = [unit for unit in units if _NAMED[0] < unit / factor < _NAMED[1]]
-    yield from tried(dynamics, motion, [signs.times(unit, drives) for unit in near])
 
 
 def _narrowed(
@@ -242,6 +223,6 @@ def _narrowed(
         bend = lower + higher + 2 * best.evidence
         if np.isfinite(bend) and bend > 0:
             trials.append(times(step ** float(np.clip(0.5 * (lower - higher) / bend, -1.5, 1.5))))
-        best = _likely([best, *filter(None, trials)])[0]
+        best = max([best, *filter(None, trials)], key=_EVIDENCE)
         step = float(np.sqrt(step))
     return best
