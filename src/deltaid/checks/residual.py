@@ -14,7 +14,6 @@ from scipy.special import chdtrc, chdtri
 from threadpoolctl import threadpool_limits
 
 from deltaid.checks.closed_loop import SEGMENTS
-from deltaid.checks.computed import computed_torques
 from deltaid.checks.evidence import Evidence
 from deltaid.checks.lag import checked_lag
 from deltaid.checks.wiring.residual import ABOVE, LEAST
@@ -50,6 +49,15 @@ _RINGS = Fault(
     "struts, gears or frame ring there, or the drive's control loop does",
     "excite less near it and take a --cutoff below it; inspect for play and loose screws, or lower "
     "the gain of the control loop",
+)
+# Residual as a share of a drive's largest torque that no measured torque falls below.
+_EXACT = 1e-4
+_COMPUTED = Fault(
+    "residual",
+    "%",
+    "the column holds a computed torque, a feed-forward or a simulation without noise: what is "
+    "identified is the model behind it, and not the robot",
+    "record the torque that the drives measure",
 )
 _REST = Fault(
     "residual",
@@ -152,7 +160,7 @@ def _line(
 def _rest(study: Study, *, rings: bool) -> Verdict:
     """Verdict on the unexplained residual of the drive with most of it; a resonance (`rings`)
     explains it, and a residual below any measurement shows computed torques."""
-    if (computed := computed_torques(study)) is not None:
+    if (computed := _computed(study)) is not None:
         return computed
     every = sorted(rests(study), key=lambda rest: rest.systematic, reverse=True)
     rest = next((rest for rest in every if rest.is_unexplained), None)
@@ -173,3 +181,22 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
     seen = in_words(rest.part, drive, varies)
     grade = Grade.DOUBTFUL if rest.part > ADEQUATE else Grade.CANNOT_TELL
     return _REST.judged(seen, drive, 100 * rest.part, grade=grade, cause=cause, cure=cure)
+
+
+def _computed(study: Study) -> Verdict | None:
+    """A verdict on torques that the model explains better than any measured ones; None without
+    such torques."""
+    model, drives = study.fit.model, np.array(study.fit.drives)
+    left = study.fit.rows.of_drives(study.account.left)
+    largest, moves = np.abs(model).max(axis=1), model.any(axis=1)
+    shares = np.sqrt(np.mean(left**2, axis=1)) / np.where(moves, largest, 1.0)
+    exact = moves & (shares < _EXACT)
+    if not exact.any():
+        return None
+    subject = "" if np.array_equal(exact, moves) else listed(drives[exact].tolist())
+    share = float(shares[exact].max())
+    seen = (
+        f"the model explains {f'the torque of {subject}' if subject else 'all torques'} to "
+        f"{percent(share)} of the largest; measured ones have noise of 0.3 to 3 %"
+    )
+    return _COMPUTED.judged(seen, subject, 100 * share)
