@@ -46,10 +46,16 @@ class Rate:
     drive: int  # of the column by the mapping
     nearest: int  # drive with the best correlation
     correlation: float  # with the nearest
-    own: float  # correlation with the mapped drive
+    as_mapped: float  # correlation with the mapped drive
     scale: float  # k against the nearest
     lag: float  # δ behind it [s]
     lag_std: float
+
+    @property
+    def is_swapped(self) -> bool:
+        """Whether it is clearly another drive's velocity."""
+        clear = self.correlation > max(_TOGETHER, self.as_mapped + _BETTER)
+        return self.nearest != self.drive and clear
 
 
 def rates(motion: FilteredMotion, map: Map) -> list[Rate]:
@@ -71,34 +77,41 @@ def rates(motion: FilteredMotion, map: Map) -> list[Rate]:
         influence = inverse[1] * (v[:, i] - A @ (k, b))
         blocks = np.array([part.sum() for part in np.array_split(influence, BLOCKS)])
         std = float(np.sqrt(blocks @ blocks * BLOCKS / (BLOCKS - 2)))
-        correlation, own = float(together[nearest, i]), float(together[i, i])
-        out.append(Rate(i, nearest, correlation, own, k, -b / k, std / abs(k)))
+        correlation, as_mapped = float(together[nearest, i]), float(together[i, i])
+        out.append(Rate(i, nearest, correlation, as_mapped, k, -b / k, std / abs(k)))
     return out
 
 
 def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
     """One verdict per cause; a good one if there is none."""
-    names, identity = case.names, Map.identity(len(case.names))
-    recorded = rates(case.motion, case.map)
-    if recorded and case.map != identity:  # columns that match mapped positions change with them
-        matching = [
-            rate.drive
-            for rate in rates(case.motion, identity)
-            if rate.own > _TOGETHER and 1 / _WRONG < rate.scale < _WRONG
-        ]
-        recorded = [rate for rate in recorded if rate.drive not in matching]
+    recorded = _mapped_rates(case)
     if not recorded:
         return
-    swapped = [
-        rate
-        for rate in recorded
-        if rate.nearest != rate.drive and rate.correlation > max(_TOGETHER, rate.own + _BETTER)
-    ]
-    if swapped:
+    if swapped := [rate for rate in recorded if rate.is_swapped]:
         yield _order(case, swapped)
         return
-    lost = [rate for rate in recorded if rate.own <= _TOGETHER]
-    matched = [rate for rate in recorded if rate.own > _TOGETHER]
+    matched = [rate for rate in recorded if rate.as_mapped > _TOGETHER]
+    lost = [_lost(case, rate) for rate in recorded if rate.as_mapped <= _TOGETHER]
+    poor = [*_scales(case, matched), *lost, *(() if lost else _late(case, matched))]
+    yield from poor or [_good(recorded)]
+
+
+def _mapped_rates(case: RemappedRecording) -> list[Rate]:
+    """Comparison under the best map; without columns that match the positions as they are mapped
+    now, for these change with them."""
+    recorded, identity = rates(case.motion, case.map), Map.identity(len(case.names))
+    if not recorded or case.map == identity:
+        return recorded
+    matching = [
+        rate.drive
+        for rate in rates(case.motion, identity)
+        if rate.as_mapped > _TOGETHER and 1 / _WRONG < rate.scale < _WRONG
+    ]
+    return [rate for rate in recorded if rate.drive not in matching]
+
+
+def _scales(case: RemappedRecording, matched: list[Rate]) -> Iterator[Verdict]:
+    """A verdict on drives with the same wrong unit and sign."""
     groups: dict[tuple[str, bool], list[Rate]] = {}
     for rate in matched:
         if not 1 / _DOUBTFUL < rate.scale < _DOUBTFUL:
@@ -109,28 +122,36 @@ def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
             groups.setdefault((next(named, ""), rate.scale < 0), []).append(rate)
     for (name, reversed_), group in groups.items():
         yield _scale(case, group, name, reversed_=reversed_)
-    for rate in lost:
-        seen = (
-            f"the velocity column of {names[rate.drive]} goes with no drive's changes of position "
-            f"(correlation {rate.correlation:.2g})"
-        )
-        yield _NOISE.judged(seen, names[rate.drive], rate.correlation)
+
+
+def _lost(case: RemappedRecording, rate: Rate) -> Verdict:
+    drive = case.names[rate.drive]
+    seen = (
+        f"the velocity column of {drive} goes with no drive's changes of position (correlation "
+        f"{rate.correlation:.2g})"
+    )
+    return _NOISE.judged(seen, drive, rate.correlation)
+
+
+def _late(case: RemappedRecording, matched: list[Rate]) -> Iterator[Verdict]:
     late = [rate for rate in matched if abs(rate.lag) > max(APART, STRONG * rate.lag_std)]
-    latest = max(late or recorded, key=lambda rate: abs(rate.lag))
-    lag = 1e3 * latest.lag
-    if late and not lost:
+    if late:
+        latest = max(late, key=lambda rate: abs(rate.lag))
         seen = (
-            f"velocities are {abs(lag):.3g} ± {2e3 * latest.lag_std:.1g} ms "
-            f"{'behind' if lag > 0 else 'ahead of'} the changes of the positions"
+            f"velocities are {1e3 * abs(latest.lag):.3g} ± {2e3 * latest.lag_std:.1g} ms "
+            f"{'behind' if latest.lag > 0 else 'ahead of'} the changes of the positions"
         )
-        yield _LATE.judged(seen, case.whose([rate.drive for rate in late]), lag)
-    if not groups and not lost and not late:
-        seen = (
-            f"recorded velocities are the derivatives of the positions: within "
-            f"{max(abs(rate.scale - 1) for rate in recorded):.2g} in scale and {abs(lag):.2g} ms "
-            "in time"
-        )
-        yield _LATE.good(seen, lag)
+        yield _LATE.judged(seen, case.whose([rate.drive for rate in late]), 1e3 * latest.lag)
+
+
+def _good(recorded: list[Rate]) -> Verdict:
+    lag = 1e3 * max((rate.lag for rate in recorded), key=abs)
+    seen = (
+        f"recorded velocities are the derivatives of the positions: within "
+        f"{max(abs(rate.scale - 1) for rate in recorded):.2g} in scale and {abs(lag):.2g} ms "
+        "in time"
+    )
+    return _LATE.good(seen, lag)
 
 
 def _order(case: RemappedRecording, swapped: list[Rate]) -> Verdict:
