@@ -24,13 +24,11 @@ _LAG = Fault("torque-lag", "ms")
 
 def checked_lag(evidence: Evidence, study: Study, recording: PreparedRecording) -> Verdict:
     """Verdict on the lag between torques and positions."""
-    why = _why_left(evidence, study, recording)
-    added = () if evidence.problem is None else evidence.problem.additions
-    unknown = any(isinstance(term, UnknownLag) and term.is_of(recording) for term in added)
-    lag, half = 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
-    harm, shown = spoilt(study), study.common if study.alike else study.each
-    widest = shown.interval * np.where(shown.interval > APART, CLEAR, 1.0)
-    clear, cost = bool(np.any(np.abs(shown.values) > widest)), _cost(study, harm, why)
+    lag, half = _common_lag(study)
+    harm, lags = spoilt(study), study.common if study.alike else study.each
+    widest = lags.interval * np.where(lags.interval > APART, CLEAR, 1.0)
+    is_clear, bias = bool(np.any(np.abs(lags.values) > widest)), float(np.abs(harm).max())
+    cost = _cost(study, harm, _why_left(evidence, study, recording))
     if study.hidden:
         return _LAG.judged(
             f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but a fault listed below "
@@ -40,22 +38,11 @@ def checked_lag(evidence: Evidence, study: Study, recording: PreparedRecording) 
             grade=Grade.CANNOT_TELL,
             cure="fix the fault first, and check again",
         )
-    if study.late and clear and np.abs(harm).max() > _HARMS:
-        grade = graded(np.abs(harm).max(), -np.inf, _SPOILT)
-        if not study.alike:
-            return _differing_lags(study, cost, grade)
-        rows = 1e-3 * lag * study.fit.trace.low_pass.rate
-        return _LAG.judged(
-            f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions; {cost}",
-            "",
-            lag,
-            grade=grade,
-            cause="torque and position are not of the same instant: a filter in the torque's way, "
-            "a bus cycle, or two clocks",
-            cure="record both in the same cycle of the controller and without filter, or shift the "
-            f"torque columns by {-rows:+.2g} rows ({-lag:+.3g} ms)",
-        )
-    if unknown:
+    if study.late and is_clear and bias > _HARMS:
+        common_or_each = _common if study.alike else _differing_lags
+        return common_or_each(study, cost, graded(bias, -np.inf, _SPOILT))
+    added = () if evidence.problem is None else evidence.problem.additions
+    if any(isinstance(term, UnknownLag) and term.is_of(recording) for term in added):
         return _LAG.judged(
             f"the lag of torques behind positions is hardly known, {lag:.2g} ± {half:.2g} ms; none "
             "has been corrected, and intervals allow for it",
@@ -75,8 +62,13 @@ def checked_lag(evidence: Evidence, study: Study, recording: PreparedRecording) 
             cause="the motion is too slow, or the torque too noisy, to see it",
             cure="record a faster motion with more reversals",
         )
-    small = f", too little to bias an inertia by {percent(_HARMS)}" if clear else ""
+    small = f", too little to bias an inertia by {percent(_HARMS)}" if is_clear else ""
     return _LAG.good(_agreement(study) + small, lag)
+
+
+def _common_lag(study: Study) -> tuple[float, float]:
+    """Lag of all drives and half its interval [ms]."""
+    return 1e3 * float(study.common.values[0]), 1e3 * float(study.common.interval[0])
 
 
 def _cost(study: Study, harm: Float[np.ndarray, " dof"], why: str) -> str:
@@ -87,8 +79,23 @@ def _cost(study: Study, harm: Float[np.ndarray, " dof"], why: str) -> str:
     return f"{cost}; not corrected: {why}" if why else cost
 
 
+def _common(study: Study, cost: str, grade: Grade) -> Verdict:
+    lag, half = _common_lag(study)
+    rows = 1e-3 * lag * study.fit.trace.low_pass.rate
+    return _LAG.judged(
+        f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions; {cost}",
+        "",
+        lag,
+        grade=grade,
+        cause="torque and position are not of the same instant: a filter in the torque's way, a "
+        "bus cycle, or two clocks",
+        cure="record both in the same cycle of the controller and without filter, or shift the "
+        f"torque columns by {-rows:+.2g} rows ({-lag:+.3g} ms)",
+    )
+
+
 def _differing_lags(study: Study, cost: str, grade: Grade) -> Verdict:
-    drives, common = study.fit.drives, 1e3 * float(study.common.values[0])
+    drives, (common, _) = study.fit.drives, _common_lag(study)
     values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
     lags = [
         f"{abs(lag):.2g} ± {half:.1g} ms {_late(lag)}"
