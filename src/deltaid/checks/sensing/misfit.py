@@ -8,9 +8,9 @@ divided by the number n of independent samples and the number of channels. σ_k 
 small T gains nothing. Rows of torques and sensors pass the same filter.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,8 +20,8 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.estimation.information import Information, entries_at, triangle
 from deltaid.estimation.problem import LinearProblem
-from deltaid.levels import EXACT, FEW_ROUNDS
-from deltaid.recording.columns import SensorChannels
+from deltaid.levels import EXACT
+from deltaid.recording.columns import Columns, SensorChannels
 from deltaid.recording.log import FEW_WINDOWS
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.time.signals import interpolate
@@ -39,8 +39,6 @@ _MOST = 4000
 _COUNTED = 200.0
 # Errors of a good model, as shares of a channel's motion, of a drive's or group's, of its mean.
 _OF_CHANNEL, _OF_GROUP, _OF_MEAN = 0.08, 0.02, 0.005
-# Prior deviation of a delay [s].
-_DELAY = 0.05
 
 Map = Float[np.ndarray, "channels channels"]
 Values = Float[np.ndarray, "channels samples"]
@@ -189,85 +187,39 @@ class Misfit:
         return replace(self, y=y)
 
 
-@dataclass(frozen=True)
-class SensorLag:
-    """A sensor's delay against the motion, its deviation [s], and the misfit without it."""
-
-    delay: float
-    std: float
-    Q: float
-
-
-def lag_of(misfit: Misfit, unshifted: MapFit) -> SensorLag | None:
-    """The delay δ of a sensor, y(t) = ŷ(t − δ), by Gauss–Newton steps jointly with θ; None with
-    holes, across which a signal cannot be shifted."""
-    if np.ptp(misfit.samples) > 1e-6:
-        return None
-    T, theta, delay, std = np.eye(len(misfit.noise)), unshifted.theta, 0.0, np.inf
-    for _ in range(FEW_ROUNDS):
-        expected = misfit.expected(theta)
-        slope = np.zeros_like(expected)
-        for part in misfit.stretches():
-            slope[:, part] = -np.gradient(expected[:, part], misfit.period, axis=1)
-        fit = misfit.earlier(delay).with_columns(slope[:, None, :], _DELAY).judge(T)
-        theta, step, std = fit.theta[:-1], float(fit.theta[-1]), fit.last_std
-        delay += step
-    return SensorLag(delay, std, misfit.earlier(delay).judge(T).Q)
-
-
 def misfits(dynamics: Dynamics, recording: PreparedRecording) -> list[Misfit]:
     """Misfits of a recording's sensors, filtered like torques; none with too few samples."""
-    columns, drives = recording.log.columns, np.arange(dynamics.dof)
-    sensor_columns = {sensor.name: sensor for sensor in columns.sensors}
-    if not sensor_columns or not columns.torque:
+    columns = recording.log.columns
+    mapped = {sensor.name: sensor for sensor in columns.sensors}
+    if not mapped or not columns.torque:
         return []
-    sensors = [rows for rows in all_sensor_rows(dynamics) if rows.name in sensor_columns]
-    row_of, entries = dynamics.regressor_pattern
-
-    def measured(w: SampleBlock) -> np.ndarray:
-        shown, free = columns.shown(w.extra), ~columns.held(w.time, w.extra).any(axis=0)
-        Y = entries_at(dynamics, w.z, w.qd, w.qdd, np.zeros_like(w.qd))
-        parts = [w.weighted(Y, row_of), w.weighted(w.tau.T, drives)]
-        for rows in sensors:
-            sensor = shown[rows.name]
-            counts = free & np.isfinite(sensor).all(axis=0)
-            C = rows.entries(w.z, w.qd, w.qdd, np.zeros_like(sensor))
-            parts += [
-                C * counts,
-                np.where(counts, sensor, 0.0),
-                np.atleast_2d(counts).astype(float),
-            ]
-        return np.vstack(parts)
-
+    sensors = [rows for rows in all_sensor_rows(dynamics) if rows.name in mapped]
     windows = list(recording.spread(dynamics.kinematics, FEW_WINDOWS))
     every = max(1, -(-recording.log.samples // (recording.filter.thinned * _MOST)))
+    measured = partial(_measured, dynamics, columns, sensors)
     parts = [window.filtered(measured)[:, ::every] for window in windows]
     parts = [part for part in parts if part.shape[1] > 1]
     if not parts:
         return []
+    torque_rows = len(dynamics.regressor_pattern[0]), dynamics.dof
     each = [n for rows in sensors for n in (len(rows.pattern[0]), len(rows.channels), 1)]
-    ends = np.cumsum([len(row_of), len(drives), *each])[:-1]
+    ends = np.cumsum([*torque_rows, *each])[:-1]
     sparse, tau, *data = np.split(np.hstack(parts), ends)
-    parameters, samples = len(dynamics.layout.parameters), tau.shape[1]
-    Y = np.zeros((len(drives), parameters + 1, samples))
-    Y[row_of, entries], Y[:, -1] = sparse, tau
-    triangles, largest = np.stack([triangle(rows.T) for rows in Y]), np.abs(tau).max(axis=1)
-    counted = np.full(len(drives), float(samples))
-    known = _by_torques(dynamics, Information(np.arange(parameters), triangles, counted, largest))
-    shown, found = [columns.shown(window.own.extra) for window in windows], list[Misfit]()
+    known, parameters = _by_torques(dynamics, sparse, tau), len(dynamics.layout.parameters)
+    raw, found = [columns.shown(window.own.extra) for window in windows], list[Misfit]()
     for rows, C, y, (counts,) in zip(sensors, data[::3], data[1::3], data[2::3], strict=True):
-        X = np.zeros((len(rows.channels), parameters + len(rows.parameters), samples))
+        X = np.zeros((len(rows.channels), parameters + len(rows.parameters), len(counts)))
         X[rows.pattern] = C
         found.append(
             Misfit(
                 rows,
-                sensor_columns[rows.name],
+                mapped[rows.name],
                 np.append(known.x, [entry.prior for entry in rows.parameters]),
                 block_diag(known.root, np.diag([1.0 / entry.std for entry in rows.parameters])),
                 X,
                 y,
                 counts,
-                raw=np.hstack([sensor[rows.name] for sensor in shown]),
+                raw=np.hstack([signals[rows.name] for signals in raw]),
                 starts=np.cumsum([0, *(part.shape[1] for part in parts)])[:-1],
                 period=recording.filter.thinned * every / recording.log.rate,
                 row=1 / recording.log.rate,
@@ -276,8 +228,36 @@ def misfits(dynamics: Dynamics, recording: PreparedRecording) -> list[Misfit]:
     return found
 
 
-def _by_torques(dynamics: Dynamics, torques: Information) -> LinearProblem:
-    """Least squares of the robot's parameters from torques and prior."""
+def _measured(
+    dynamics: Dynamics, columns: Columns, sensors: Sequence[SensorRows], w: SampleBlock
+) -> Float[np.ndarray, "rows samples"]:
+    """Entries of the regressor, and torques; then of each sensor its entries, its values, and
+    whether a sample counts."""
+    signals, free = columns.shown(w.extra), ~columns.held(w.time, w.extra).any(axis=0)
+    Y = entries_at(dynamics, w.z, w.qd, w.qdd, np.zeros_like(w.qd))
+    drives, _ = dynamics.regressor_pattern
+    parts = [w.weighted(Y, drives), w.weighted(w.tau.T, np.arange(dynamics.dof))]
+    for rows in sensors:
+        y = signals[rows.name]
+        counts = free & np.isfinite(y).all(axis=0)
+        C = rows.entries(w.z, w.qd, w.qdd, np.zeros_like(y))
+        parts += [C * counts, np.where(counts, y, 0.0), np.atleast_2d(counts).astype(float)]
+    return np.vstack(parts)
+
+
+def _by_torques(dynamics: Dynamics, sparse: Values, tau: Values) -> LinearProblem:
+    """Least squares of the robot's parameters from torques and prior.
+
+    Args:
+        sparse: entries of the regressor, in the order of its pattern.
+    """
+    drives, entries = dynamics.regressor_pattern
+    count, samples = len(dynamics.layout.parameters), tau.shape[1]
+    Y = np.zeros((dynamics.dof, count + 1, samples))
+    Y[drives, entries], Y[:, -1] = sparse, tau
+    triangles, largest = np.stack([triangle(rows.T) for rows in Y]), np.abs(tau).max(axis=1)
+    counted = np.full(dynamics.dof, float(samples))
+    torques = Information(np.arange(count), triangles, counted, largest)
     robot, layout = dynamics.robot, dynamics.layout
     stated = stated_spreads(robot)
     prior = np.array([entry.prior for entry in layout.parameters])

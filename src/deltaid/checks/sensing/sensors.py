@@ -5,14 +5,15 @@ contradict each other, maps that would correct its columns are tried (`sensing.g
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from deltaid.checks.evidence import UNRELATED, Evidence
 from deltaid.checks.sensing.guesses import Guess, best_guess, mapped, verdict_of
-from deltaid.checks.sensing.misfit import MapFit, Misfit, SensorLag, lag_of, misfits
-from deltaid.levels import STRONG, SURE
+from deltaid.checks.sensing.misfit import MapFit, Misfit, misfits
+from deltaid.levels import FEW_ROUNDS, STRONG, SURE
 from deltaid.model.verdict import Grade, Proposal, Verdict, percent
 from deltaid.robot.sensors import BaseWrench, Sensor
 
@@ -23,6 +24,8 @@ _DOUBTED, _CONTRADICTS, _EXPLAINS = 0.15, 1.0, 0.2
 _BETTER = 0.9
 # Least number and share of rows at the largest or smallest number of a clipped sensor.
 _CLIPPED, _OFTEN = 20, 0.005
+# Prior deviation of a delay [s].
+_DELAY = 0.05
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
@@ -34,12 +37,38 @@ def checked_sensors(evidence: Evidence) -> tuple[Verdict, ...]:
     return tuple(verdict for misfit in sensors for verdict in _of_sensor(misfit, sensors))
 
 
+@dataclass(frozen=True)
+class SensorLag:
+    """A sensor's delay against the motion, its deviation [s], and the misfit without it."""
+
+    delay: float
+    std: float
+    Q: float
+
+
+def _lag_of(misfit: Misfit, unshifted: MapFit) -> SensorLag | None:
+    """The delay δ of a sensor, y(t) = ŷ(t − δ), by Gauss–Newton steps jointly with θ; None with
+    holes, across which a signal cannot be shifted."""
+    if np.ptp(misfit.samples) > 1e-6:
+        return None
+    T, theta, delay, std = np.eye(len(misfit.noise)), unshifted.theta, 0.0, np.inf
+    for _ in range(FEW_ROUNDS):
+        expected = misfit.expected(theta)
+        slope = np.zeros_like(expected)
+        for part in misfit.stretches():
+            slope[:, part] = -np.gradient(expected[:, part], misfit.period, axis=1)
+        fit = misfit.earlier(delay).with_columns(slope[:, None, :], _DELAY).judge(T)
+        theta, step, std = fit.theta[:-1], float(fit.theta[-1]), fit.last_std
+        delay += step
+    return SensorLag(delay, std, misfit.earlier(delay).judge(T).Q)
+
+
 def _of_sensor(misfit: Misfit, sensors: Sequence[Misfit]) -> list[Verdict]:
     if misfit.counts < 1.0:
         return []
     verdicts = list(_clipped(misfit))
     as_mapped = misfit.judge(np.eye(len(misfit.noise)))
-    late = lag_of(misfit, as_mapped)
+    late = _lag_of(misfit, as_mapped)
     if as_mapped.Q > _DOUBTED:
         if late is not None and min(_CONTRADICTS, _EXPLAINS * as_mapped.Q) > late.Q:
             return [*verdicts, _late(misfit, late, as_mapped.Q)]
