@@ -48,6 +48,10 @@ _CLOCK = Fault(
     "log with the controller's own cycle and its counter as time; meanwhile holes are cut out or "
     "bridged, and rows put on an even grid",
 )
+_UNEVEN = (
+    "positions scatter with speed as if rows were taken {share} of the {period} from where their "
+    "even stamps say"
+)
 _INCOMPLETE_ROWS = (
     "rows that lack a number in a used column are excluded (see warnings)",
     "record all columns in each row or message",
@@ -208,11 +212,7 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
     if not seen and clock.steady:
         uneven = jitter(evidence.rows.q, clock.period) / clock.period
         if uneven > JITTER:
-            scatter = uneven
-            seen = (
-                f"positions scatter with speed as if rows were taken {percent(uneven)} of the "
-                f"{period} from where their even stamps say"
-            )
+            scatter, seen = uneven, _UNEVEN.format(share=percent(uneven), period=period)
     if not seen:
         return _CLOCK.good(f"{clock.rows} rows, one every {period}", 100 * scatter)
     if leaps.size and not restarts:
