@@ -18,7 +18,7 @@ from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
 from deltaid.checks.verdicts import KEYS, Verdicts, changes, files_of, pasted
 from deltaid.checks.wiring.wiring import checked_wirings
-from deltaid.checks.wiring.zeros import LEVELLED, Shifts
+from deltaid.checks.wiring.zeros import Shifts
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.errors import DescriptionError, RecordingError
 from deltaid.estimation.additions import extended
@@ -38,7 +38,7 @@ from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
-from deltaid.robot.tolerances import Tolerances
+from deltaid.robot.tolerances import BY_EYE, Tolerances
 
 # Verdicts on some excluded rows, whose spans the table of masks reports.
 _MASKED = {"standing", "saturation"}
@@ -234,7 +234,7 @@ def _zero_seen(
     value, _ = bare.estimate(likeliest)
     instead = bare.left * (1.0 - bare.gain(likeliest))
     chance = bare.rows * np.log(max(instead, 1e-300) / max(fitted.left, 1e-300))
-    return bool(np.linalg.norm(value) < LEVELLED and chance < _CERTAIN)
+    return bool(np.linalg.norm(value) < BY_EYE and chance < _CERTAIN)
 
 
 def _shifts_after(

@@ -19,6 +19,7 @@ from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.model.corrections import Correction
 from deltaid.robot.body import Entry
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.tolerances import BY_EYE
 
 # Lengths of a limb that may be off, and the number of each among the symbols of a limb's lengths.
 _OF_LIMB = {"platform_radius": 0, "upper_arm": 1, "strut": 2}
@@ -62,7 +63,7 @@ class Tilt(UnknownEffect):
     name = "tilt"
     corrects = "robot"
     deviation = 1e-2
-    limit = 0.05
+    limit = BY_EYE
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         slopes = point.slopes

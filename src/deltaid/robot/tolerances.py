@@ -15,6 +15,9 @@ _LONG, _WIDE, _UNSURE = 0.05, 0.2, 0.5
 # Defaults of a well-made robot: parts to a tenth of a millimetre [m], zeros set with a gauge [rad
 # or m], base levelled with a machinist's level [rad].
 _LENGTH, _ZERO, _TILT = 5e-5, 1e-4, 2e-4
+# Largest tilt of a base that was levelled by eye [rad], and largest error of a zero that was set by
+# eye [rad or m]: a larger one is a wrong description, or something pulls at the robot.
+BY_EYE = 0.05
 
 
 LengthTolerance = Annotated[

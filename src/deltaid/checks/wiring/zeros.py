@@ -31,6 +31,7 @@ from deltaid.estimation.scatter import CHANCE
 from deltaid.levels import FEW_ROUNDS, NEGLIGIBLE
 from deltaid.model.verdict import Grade, Proposal, Verdict, listed
 from deltaid.robot.parameter import PRIOR_SPREAD
+from deltaid.robot.tolerances import BY_EYE
 
 # Number of blocks of time whose scatter gives uncertainties.
 BLOCKS = 24
@@ -38,10 +39,8 @@ BLOCKS = 24
 _NEEDED = float(stdtrit(BLOCKS - 1, 1 - CHANCE / 2))
 # Least share of the residual that zeros or gravity must explain.
 _LITTLE = 0.005
-# Largest error of a zero that slopes determine [rad or m]; error within which drives are homed and
-# bases level [rad or m]. A larger tilt is a wrongly described mounting or a force that pulls at the
-# platform, and is not written without inspection.
-_FARTHEST, LEVELLED = 0.5, 0.05
+# Largest error of a zero that slopes determine [rad or m].
+_FARTHEST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +99,7 @@ class Shifts:
 
         def is_determined(drive: int) -> bool:
             (value,), ((variance,),) = self.estimate([drive])
-            small = abs(value) < _FARTHEST and variance < LEVELLED**2
+            small = abs(value) < _FARTHEST and variance < BY_EYE**2
             return bool(small and self.certainty([drive]) > 0)
 
         return list(filter(is_determined, range(self.drives)))
@@ -250,30 +249,25 @@ def _verdict(
     zero: bool,
     either: bool,
 ) -> Verdict:
-    name, *others = (evidence.robot.drives[i] for i in rivals)
-    unit = "mm" if evidence.robot.is_linear(name) else "mrad"
+    """`zero`: a zero explains the torques rather than a tilt; `either`: both do."""
+    names = [evidence.robot.drives[i] for i in rivals]
+    unit = "mm" if evidence.robot.is_linear(names[0]) else "mrad"
     off, half = (1e3 * value for value in error)
-    of_zero = f"a zero of {name} that is {abs(off):.3g} ± {half:.1g} {unit} off"
-    if others:
+    of_zero = f"a zero of {names[0]} that is {abs(off):.3g} ± {half:.1g} {unit} off"
+    if others := names[1:]:
         of_zero += f" (or one of {listed(others)}: the motion does not separate these)"
     angle, by = shift.tilted
     of_tilt = f"a base out of level by {1e3 * angle:.3g} ± {1e3 * by:.1g} mrad"
     if zero:
-        share, number, text, rival = shift.gain([rivals[0]]), error[0], of_zero, of_tilt
+        share, number, text, rival = shift.gain([rivals[0]]), off, of_zero, of_tilt
         cause, cure = f"homing: {of_zero}", "home the drive anew, or declare its zero"
         shifted = {rivals[0]: evidence.shifted(rivals[0], error[0])}
         proposals = evidence.proposal({"position": shifted})
     else:
-        share, number, text, rival, unit = shift.gain(shift.tilt), angle, of_tilt, of_zero, "mrad"
-        cause = f"a tilted base: {of_tilt}"
-        cure = "level the base, or describe gravity as it is"
-        if angle > LEVELLED:
-            cause += ", or a force that pulls at the platform, as of a hose or a spring"
-            cure = (
-                "look at the mounting and at what pulls at the platform; measure the base's angle "
-                "with a level, and describe gravity by it"
-            )
-        proposals = _gravity(evidence, shift, is_written=angle <= LEVELLED) if shift.tilt else ()
+        share, number, text, rival = shift.gain(shift.tilt), 1e3 * angle, of_tilt, of_zero
+        unit = "mrad"
+        cause, cure = _tilt_cause(angle, of_tilt)
+        proposals = _gravity(evidence, shift, is_written=angle <= BY_EYE) if shift.tilt else ()
     if either:
         cause = f"one of both, the motion does not show which: {text}, or {rival}"
         cure = "home the drives anew and check the level of the base; then correct what was wrong"
@@ -282,12 +276,24 @@ def _verdict(
         grade,
         f"torques repeat with the pose what {text} would do, which explains {100 * share:.0f} % of "
         "the residual",
-        ", ".join([name, *others]) if zero else "",
+        ", ".join(names) if zero else "",
         cause,
         cure,
         proposals,
-        1e3 * number,
+        number,
         unit,
+    )
+
+
+def _tilt_cause(angle: float, of_tilt: str) -> tuple[str, str]:
+    """Cause and cure."""
+    if angle <= BY_EYE:  # else its proposal is not written without inspection
+        return f"a tilted base: {of_tilt}", "level the base, or describe gravity as it is"
+    return (
+        f"a tilted base: {of_tilt}, or a force that pulls at the platform, as of a hose or a "
+        "spring",
+        "look at the mounting and at what pulls at the platform; measure the base's angle with a "
+        "level, and describe gravity by it",
     )
 
 
