@@ -7,14 +7,18 @@ import pytest
 
 from composed import Make, twin
 from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.parameters import prior_parameters
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.mechanism.platform import with_turned_half
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, StrutForce
 from deltaid.sensors.planning.exchange import exchanges, instances
 from deltaid.sensors.planning.null_space import NullSpace, null_space, openings
-from deltaid.sensors.planning.rows import Scene, generic_motion, planned_rows, torque_rows, torques
+from deltaid.sensors.planning.rows import (
+    PlannedRecording,
+    generic_motion,
+    planned_rows,
+    torque_rows,
+)
 from deltaid.sensors.planning.uses import Use
 from deltaid.sensors.robot_sensors import sensor_rows
 
@@ -88,17 +92,16 @@ ALONE = {
 
 
 @cache
-def scene(name: str) -> Scene:
+def recorded(name: str) -> PlannedRecording:
     dynamics = compiled(load_robot(name))
-    p, motion = prior_parameters(dynamics.robot), generic_motion(dynamics, 20.0, 1)
-    noise = np.abs(torques(dynamics, p, motion) @ p).max(axis=0)
-    return Scene(dynamics, p, motion, 1.0, noise)
+    motion = generic_motion(dynamics, 20.0, 1)
+    return PlannedRecording.with_noise(dynamics, motion, len(motion.z) / motion.duration, 1.0)
 
 
 def left_open(name: str, *sensors: BaseWrench | StrutForce) -> NullSpace:
-    where = scene(name)
+    where = recorded(name)
     dynamics, motion = where.dynamics, where.motion
-    rows = [torque_rows(where, torques(dynamics, where.p, motion))]
+    rows = [torque_rows(where)]
     rows += [planned_rows(where, sensor_rows(dynamics, "s", sensor))[1] for sensor in sensors]
     mechanism = with_turned_half(dynamics.kinematics.mechanism)
     found = exchanges(dynamics.robot, dynamics.layout, instances(mechanism, motion.z[::50]))
@@ -144,7 +147,7 @@ def test_an_offset_that_nobody_knows_hides_what_only_weighs() -> None:
 @pytest.mark.parametrize("name", [n for n in KNOWN if n != "linear-delta"])
 def test_nothing_changes_along_a_direction(name: str) -> None:
     # From outside of rows and null spaces: torques of two different robots.
-    where, rng = scene(name), np.random.default_rng(2)
+    where, rng = recorded(name), np.random.default_rng(2)
     dynamics, motion = where.dynamics, where.motion
     null = left_open(name, BaseWrench(kind="base-wrench", **TARED))
     some = slice(None, None, 100)
@@ -167,7 +170,7 @@ def test_nothing_changes_along_a_direction(name: str) -> None:
 
 
 def test_forces_at_the_joint_do_change() -> None:
-    where = scene("clavel-delta3")
+    where = recorded("clavel-delta3")
     forces, motion = ConstraintForces(where.dynamics.robot), where.motion
     null = left_open("clavel-delta3")
     states = motion.z[::200], motion.qd[::200], motion.qdd[::200]
@@ -194,9 +197,9 @@ def test_forces_at_the_joint_do_change() -> None:
 def test_random_robots_have_all_of_their_directions_named(make: Make) -> None:
     robot = twin(make, 4).robot
     dynamics = compiled(robot)
-    p, motion = prior_parameters(robot), generic_motion(dynamics, 20.0, 0)
-    where = Scene(dynamics, p, motion, 1.0, np.ones(dynamics.dof))
-    rows = torque_rows(where, torques(dynamics, p, motion))[:, : len(p)]
+    motion = generic_motion(dynamics, 20.0, 0)
+    where = PlannedRecording(dynamics, motion, 1.0, np.ones(dynamics.dof))
+    rows = torque_rows(where)[:, : len(where.p)]
     mechanism = with_turned_half(dynamics.kinematics.mechanism)
     found = exchanges(robot, dynamics.layout, instances(mechanism, motion.z[::50]))
     null = null_space(rows, dynamics.layout, found)
@@ -212,9 +215,9 @@ def test_random_robots_have_all_of_their_directions_named(make: Make) -> None:
 
 
 def test_what_parts_a_direction_is_what_leaves_it_no_way_out() -> None:
-    where = scene("clavel-delta3")
+    where = recorded("clavel-delta3")
     layout = where.dynamics.layout
-    torque = torque_rows(where, torques(where.dynamics, where.p, where.motion))
+    torque = torque_rows(where)
 
     def weighed(*bodies: str) -> Use:
         row = np.zeros((1, where.width))

@@ -24,15 +24,14 @@ from jaxtyping import Float
 from scipy.special import logsumexp, softmax
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
 from deltaid.levels import EXACT
 from deltaid.motion.excitation.graph import ExcitationGraph
 from deltaid.motion.excitation.settings import CriterionName
 from deltaid.motion.fourier import FourierMotion, Series, Vector
 from deltaid.motion.random_motion import INSTANTS
-from deltaid.sensors.planning.knowledge import Knowledge, unknowns
-from deltaid.sensors.planning.rows import Scene, planned_along, torque_rows, torques
+from deltaid.sensors.planning.knowledge import unknowns
+from deltaid.sensors.planning.rows import PlannedRecording, planned_along, torque_rows
 from deltaid.sensors.planning.shopping import BODIES, goal
 from deltaid.sensors.planning.uses import described_rows
 
@@ -85,15 +84,13 @@ def by_bodies(dynamics: Dynamics, noise: Float[np.ndarray, " dof"], samples: flo
             where=dynamics.robot.name,
             cure="describe them under `sensors`, or omit --for sensors",
         )
-    p, entries = prior_parameters(dynamics.robot), unknowns(dynamics.robot)
+    entries = unknowns(dynamics.robot)
 
     def judge(motion: FourierMotion) -> float:
         planned = planned_along(dynamics, motion, INSTANTS, "", motion.period)
-        scene = Scene(dynamics, p, planned, samples / INSTANTS, noise)
-        rows = torque_rows(scene, torques(dynamics, p, planned))
-        known = Knowledge(np.eye(len(entries.names))).and_rows(rows @ entries.W)
-        known = known.and_rows(described_rows(scene)[0] @ entries.W)
-        return goal(BODIES, entries, scene, EXACT).left(known)
+        recorded = PlannedRecording(dynamics, planned, samples / INSTANTS, noise)
+        known = entries.after(torque_rows(recorded), described_rows(recorded)[0])
+        return goal(BODIES, entries, recorded, EXACT).left(known)
 
     return judge
 

@@ -91,6 +91,10 @@ class PlanUnknowns:
     def bodies(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(owner for owner in self.owners if owner))
 
+    def after(self, *rows: Float[np.ndarray, "_ extended"]) -> Knowledge:
+        """The posterior after rows over w, in units of their noise."""
+        return Knowledge(np.eye(len(self.names))).and_rows(np.vstack(rows) @ self.W)
+
     def of_bodies(self, *bodies: str) -> Int[np.ndarray, " entries"]:
         """Indices of the entries of some bodies; of all if none is named."""
         wanted = bodies or self.bodies

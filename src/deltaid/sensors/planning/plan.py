@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DeltaidError, DescriptionError, unknown
 from deltaid.identification.gains import SPREAD
 from deltaid.model.model import Model, ModelLike, load
@@ -24,15 +23,15 @@ from deltaid.sensors.planning.knowledge import Knowledge, PlanUnknowns, unknowns
 from deltaid.sensors.planning.null_space import DESCRIBED, TITLES, TORQUES, Opening, openings
 from deltaid.sensors.planning.offers import Offers, load_offers, shipped_offers
 from deltaid.sensors.planning.rows import (
-    Scene,
+    PlannedRecording,
     generic_motion,
     motion_of_file,
     torque_rows,
-    torques,
 )
 from deltaid.sensors.planning.shopping import (
     BODIES,
     GAINS,
+    Goal,
     PurchaseStep,
     cost_of,
     enough,
@@ -189,62 +188,28 @@ def sensor_plan(
             planned = generic_motion(dynamics, settings.duration, settings.seed)
         else:
             planned = motion_of_file(model, dynamics, motion, mapping)
-        usual = SPREAD if goal == GAINS else 0.0
-        gain_spread = usual if settings.gain_spread is None else settings.gain_spread
+        gain_spread = _gain_spread(goal, settings)
         entries = unknowns(dynamics.robot, settings.prior_spread, gain_spread)
-        if goal == GAINS and gain_spread == 0:
-            raise DeltaidError(
-                "gains that are known exactly are no goal",
-                where="--gain-spread",
-                cure="give a spread",
-            )
-        p = prior_parameters(dynamics.robot)
-        Y = torques(dynamics, p, planned)
-        scene = Scene(
-            dynamics=dynamics,
-            p=p,
-            motion=planned,
-            count=settings.rate * planned.duration / len(planned.z),
-            torque_noise=settings.torque_noise * np.abs(Y @ p).max(axis=0),
-        )
-        rows = torque_rows(scene, Y)
+        noise = settings.torque_noise
+        recorded = PlannedRecording.with_noise(dynamics, planned, settings.rate, noise)
+        torque = torque_rows(recorded)
         say("looking at what could be bought")
-        likely, sure = described_rows(scene)
+        likely, sure = described_rows(recorded)
         try:
-            possible, left_out = uses(scene, offers)
+            possible, left_out = uses(recorded, offers)
         except DescriptionError as error:
             raise DescriptionError(
                 error.what, where=f"{place}{error.where}", cure=error.cure
             ) from None
-        aim = goal_called(goal, entries, scene, settings.enough)
-        alone = Knowledge(np.eye(len(entries.names))).and_rows(rows @ entries.W)
-        start = alone.and_rows(likely @ entries.W) if len(likely) else alone
-
-        def outlook(
-            name: str, title: str, known: Knowledge, before: Knowledge, cost: float = 0.0
-        ) -> Outlook:
-            return Outlook(
-                name=name,
-                title=title,
-                cost=cost,
-                shares=known.std * entries.spread,
-                goal=aim.std(known),
-                gain=aim.left(before) - aim.left(known),
-            )
-
-        def after(together: Sequence[Use]) -> Outlook:
-            known = start.and_rows(np.vstack([use.likely for use in together]) @ entries.W)
-            name, title = (
-                " + ".join(getattr(use, key) for use in together) for key in ("name", "title")
-            )
-            return outlook(name, title, known, start, cost_of(together))
-
-        by_torques = described = outlook(TORQUES, TITLES[TORQUES], alone, alone)
+        aim = goal_called(goal, entries, recorded, settings.enough)
+        alone = entries.after(torque)
+        outlooks = _Outlooks(entries, aim, entries.after(torque, likely))
+        by_torques = described = outlooks.of(TORQUES, TITLES[TORQUES], alone, alone)
         if len(likely):
-            described = outlook(DESCRIBED, TITLES[DESCRIBED], start, alone)
+            described = outlooks.of(DESCRIBED, TITLES[DESCRIBED], outlooks.start, alone)
         say("comparing")
-        greedy = shopping(start, aim, possible, entries.W, budget, settings.steps)
-        steps = enough(start, aim, greedy, entries.W) if budget is None else greedy
+        greedy = shopping(outlooks.start, aim, possible, entries.W, budget, settings.steps)
+        steps = enough(outlooks.start, aim, greedy, entries.W) if budget is None else greedy
         bought = [step.use for step in steps]
         tried = [_find(names, possible, offers) for names in (*combinations, *offers.combinations)]
         return SensorPlan(
@@ -257,13 +222,51 @@ def sensor_plan(
             unknowns=entries,
             torques=by_torques,
             described=described,
-            uses=tuple(after([use]) for use in possible),
-            combinations=tuple(after(together) for together in tried if together),
-            steps=tuple((step, after(bought[: k + 1])) for k, step in enumerate(steps)),
-            openings=openings(dynamics, planned, rows, sure, possible, bought),
+            uses=tuple(outlooks.after([use]) for use in possible),
+            combinations=tuple(outlooks.after(together) for together in tried if together),
+            steps=tuple((step, outlooks.after(bought[: k + 1])) for k, step in enumerate(steps)),
+            openings=openings(dynamics, planned, torque, sure, possible, bought),
             notes=(*_notes(entries, goal, gain_spread), *left_out),
             beyond=next((step for step in greedy if step.use not in bought), None),
         )
+
+
+def _gain_spread(goal: str, settings: PlanSettings) -> float:
+    if settings.gain_spread is None:
+        return SPREAD if goal == GAINS else 0.0
+    if goal == GAINS and settings.gain_spread == 0:
+        raise DeltaidError(
+            "gains that are known exactly are no goal", where="--gain-spread", cure="give a spread"
+        )
+    return settings.gain_spread
+
+
+@dataclass(frozen=True, eq=False)
+class _Outlooks:
+    """Uncertainty of the entries and of a goal after measurements, the first of them `start`."""
+
+    entries: PlanUnknowns
+    aim: Goal
+    start: Knowledge
+
+    def of(
+        self, name: str, title: str, known: Knowledge, before: Knowledge, cost: float = 0.0
+    ) -> Outlook:
+        return Outlook(
+            name=name,
+            title=title,
+            cost=cost,
+            shares=known.std * self.entries.spread,
+            goal=self.aim.std(known),
+            gain=self.aim.left(before) - self.aim.left(known),
+        )
+
+    def after(self, together: Sequence[Use]) -> Outlook:
+        known = self.start.and_rows(np.vstack([use.likely for use in together]) @ self.entries.W)
+        name, title = (
+            " + ".join(getattr(use, key) for use in together) for key in ("name", "title")
+        )
+        return self.of(name, title, known, self.start, cost_of(together))
 
 
 def _find(names: Sequence[str], possible: Sequence[Use], offers: Offers) -> list[Use]:

@@ -6,12 +6,14 @@ samples of a recording, so rows are scaled by √(rate · duration / samples). A
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.information import triangle
 from deltaid.identification.generic_motion import SAMPLES
 from deltaid.identification.sources import model_filtered
@@ -98,62 +100,75 @@ Extended = Float[np.ndarray, "_ extended"]
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """Robot, motion and torque noise of a sensor plan.
+class PlannedRecording:
+    """A robot along a motion, and the noise of its torques there.
 
     Attributes:
         dynamics: of the robot.
-        p: its parameters at the prior.
         motion: planned or recorded.
         count: independent samples per planned sample.
         torque_noise: standard deviation of each drive's torque [N m or N].
     """
 
     dynamics: Dynamics
-    p: Parameters
     motion: PlannedMotion
     count: float
     torque_noise: Float[np.ndarray, " dof"]
+
+    @classmethod
+    def with_noise(
+        cls, dynamics: Dynamics, motion: PlannedMotion, rate: float, share: float
+    ) -> "PlannedRecording":
+        """A recording with independent samples at a rate [Hz], and noise as a share of each drive's
+        largest torque."""
+        count = rate * motion.duration / len(motion.z)
+        exact = cls(dynamics, motion, count, np.zeros(dynamics.dof))
+        return replace(exact, torque_noise=share * np.abs(exact.regressor @ exact.p).max(axis=0))
 
     @property
     def width(self) -> int:
         """Length of w: all parameters, then a gain of each drive."""
         return len(self.p) + self.dynamics.dof
 
+    @cached_property
+    def p(self) -> Parameters:
+        """Parameters at the prior."""
+        return prior_parameters(self.dynamics.robot)
 
-def torques(dynamics: Dynamics, p: Parameters, motion: PlannedMotion) -> np.ndarray:
-    """The regressor along a motion, samples × drives × parameters."""
-    states = motion.z, motion.qd, motion.qdd
-    load = dynamics.carried(*states, p) if dynamics.robot.load_drives else None
-    return dynamics.regressor_at(*states, load)
+    @cached_property
+    def regressor(self) -> Float[np.ndarray, "samples dof parameters"]:
+        """The regressor along the motion."""
+        states = self.motion.z, self.motion.qd, self.motion.qdd
+        load = self.dynamics.carried(*states, self.p) if self.dynamics.robot.load_drives else None
+        return self.dynamics.regressor_at(*states, load)
 
 
-def torque_rows(scene: Scene, Y: Float[np.ndarray, "samples dof parameters"]) -> Extended:
+def torque_rows(recorded: PlannedRecording) -> Extended:
     """Rows of recorded torques τ_i / c_i: the gains' logarithms have the columns −τ_i."""
-    gains = -(Y @ scene.p)[:, :, None] * np.eye(scene.dynamics.dof)
-    scaled = np.dstack([Y, gains]) * (np.sqrt(scene.count) / scene.torque_noise)[None, :, None]
-    return triangle(scaled.reshape(-1, scene.width))
+    gains = -(recorded.regressor @ recorded.p)[:, :, None] * np.eye(recorded.dynamics.dof)
+    weights = (np.sqrt(recorded.count) / recorded.torque_noise)[None, :, None]
+    return triangle((np.dstack([recorded.regressor, gains]) * weights).reshape(-1, recorded.width))
 
 
-def planned_rows(scene: Scene, sensor: SensorRows) -> tuple[Extended, Extended]:
+def planned_rows(recorded: PlannedRecording, sensor: SensorRows) -> tuple[Extended, Extended]:
     """A sensor's rows over w with its unknowns eliminated: with all of their priors, and with
     stated tolerances alone, which shows what is identifiable at all."""
-    motion, n, unknowns = scene.motion, len(scene.p), sensor.parameters
+    motion, n, unknowns = recorded.motion, len(recorded.p), sensor.parameters
     along = motion.z, motion.qd, motion.qdd
     values = sensor.entries(
-        *along, sensor.shown(np.append(scene.p, np.zeros(len(unknowns))), *along)
+        *along, sensor.shown(np.append(recorded.p, np.zeros(len(unknowns))), *along)
     )
     dense = np.zeros((len(motion.z), len(sensor.channels), n + len(unknowns)))
     dense[:, *sensor.pattern] = values.T
     noise = np.array([channel.noise for channel in sensor.channels])
-    flat = (dense * (np.sqrt(scene.count) / noise)[None, :, None]).reshape(-1, dense.shape[2])
+    flat = (dense * (np.sqrt(recorded.count) / noise)[None, :, None]).reshape(-1, dense.shape[2])
     stds = np.array([parameter.std for parameter in unknowns]).reshape(-1)
     flat = triangle(np.hstack([flat[:, n:] * stds, flat[:, :n]]))
 
     def rest(known: Sequence[bool]) -> Extended:
         prior = np.eye(len(unknowns), flat.shape[1]) * np.reshape(known, (-1, 1))
         rows = triangle(np.vstack([prior, flat]))[len(unknowns) :, len(unknowns) :]
-        return np.hstack([rows, np.zeros((len(rows), scene.dynamics.dof))])
+        return np.hstack([rows, np.zeros((len(rows), recorded.dynamics.dof))])
 
     return rest([True] * len(unknowns)), rest([not _is_open(entry, sensor) for entry in unknowns])
 
@@ -168,6 +183,6 @@ def _is_open(parameter: PriorParameter, sensor: SensorRows) -> bool:
     return described.bias is None
 
 
-def weighing_row(scene: Scene, weighing: Weighing) -> Extended:
+def weighing_row(recorded: PlannedRecording, weighing: Weighing) -> Extended:
     """A measured value as a row over w, in units of its standard deviation."""
-    return np.append(weighing.coefficients / weighing.std, np.zeros(scene.dynamics.dof))[None]
+    return np.append(weighing.coefficients / weighing.std, np.zeros(recorded.dynamics.dof))[None]

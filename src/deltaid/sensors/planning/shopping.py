@@ -20,7 +20,7 @@ from jaxtyping import Float
 from deltaid.errors import DeltaidError
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.sensors.planning.knowledge import Knowledge, PlanUnknowns
-from deltaid.sensors.planning.rows import Scene
+from deltaid.sensors.planning.rows import PlannedRecording
 from deltaid.sensors.planning.uses import Use
 
 BODIES, FORCES, GAINS = "bodies", "forces", "gains"
@@ -50,7 +50,7 @@ class Goal:
         return float(np.exp(np.mean(np.log(std[std > 0])))) if std.any() else 0.0
 
 
-def goal(name: str, unknowns: PlanUnknowns, scene: Scene, enough: float) -> Goal:
+def goal(name: str, unknowns: PlanUnknowns, recorded: PlannedRecording, enough: float) -> Goal:
     """A goal by its name.
 
     Raises:
@@ -59,7 +59,7 @@ def goal(name: str, unknowns: PlanUnknowns, scene: Scene, enough: float) -> Goal
     """
     if name == FORCES:
         return Goal(
-            "constraint forces", _forces(unknowns, scene), 1.0 / len(scene.motion.few), enough
+            "constraint forces", _forces(unknowns, recorded), 1.0 / len(recorded.motion.few), enough
         )
     gains = [k for k, entry in enumerate(unknowns.names) if entry.startswith("gain.")]
     chosen = {body: (f"body {body}", unknowns.of_bodies(body)) for body in unknowns.bodies}
@@ -75,12 +75,18 @@ def goal(name: str, unknowns: PlanUnknowns, scene: Scene, enough: float) -> Goal
     )
 
 
-def _forces(unknowns: PlanUnknowns, scene: Scene) -> Float[np.ndarray, "rows n"]:
+def _forces(unknowns: PlanUnknowns, recorded: PlannedRecording) -> Float[np.ndarray, "rows n"]:
     """All forces in struts, joints and bearings at some instants, as shares of the largest one."""
-    forces, motion, few = ConstraintForces(scene.dynamics.robot), scene.motion, scene.motion.few
+    forces, motion, few = (
+        ConstraintForces(recorded.dynamics.robot),
+        recorded.motion,
+        recorded.motion.few,
+    )
     C = forces.coefficients(motion.z[few], motion.qd[few], motion.qdd[few])
     C = C[:, [k for k, unit in enumerate(forces.units) if unit == "N"]]
-    return (C / np.abs(C @ scene.p).max()).reshape(-1, len(scene.p)) @ unknowns.W[: len(scene.p)]
+    return (C / np.abs(C @ recorded.p).max()).reshape(-1, len(recorded.p)) @ unknowns.W[
+        : len(recorded.p)
+    ]
 
 
 # Least worthwhile reduction of all of a goal's standard deviations: 2 %.

@@ -13,7 +13,7 @@ from deltaid.robot.measured import Measured, Placed
 from deltaid.robot.part import Axis, Vector
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
 from deltaid.sensors.planning.offers import ACROSS, ALONG, CENTRE, EACH, LIMB, Offer, Offers, Weigh
-from deltaid.sensors.planning.rows import Extended, Scene, planned_rows, weighing_row
+from deltaid.sensors.planning.rows import Extended, PlannedRecording, planned_rows, weighing_row
 from deltaid.sensors.robot_sensors import all_sensor_rows, sensor_rows
 from deltaid.sensors.weighings import Weighing, weighing, weighings
 
@@ -43,7 +43,7 @@ class Use:
     sure: Extended = field(repr=False)
 
 
-def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]]:
+def uses(recorded: PlannedRecording, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]]:
     """All uses of a list, and the offers that the robot has no place for, in words.
 
     Raises:
@@ -53,7 +53,7 @@ def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]
     for key, offer in offers.offers.items():
         try:
             if offer.sensors:
-                possible.append(_of_sensors(scene, offers, key, offer))
+                possible.append(_of_sensors(recorded, offers, key, offer))
         except DescriptionError as error:
             places = {
                 getattr(sensor, "strut", getattr(sensor, "drive", EACH))
@@ -62,35 +62,37 @@ def uses(scene: Scene, offers: Offers) -> tuple[tuple[Use, ...], tuple[str, ...]
             if places != {EACH}:  # it names something of a certain robot
                 raise
             left_out.append(f"{offer.title}: {error.what}")
-        possible += _of_weighings(scene, offers, key, offer)
+        possible += _of_weighings(recorded, offers, key, offer)
     return tuple(possible), tuple(left_out)
 
 
-def described_rows(scene: Scene) -> tuple[Extended, Extended]:
+def described_rows(recorded: PlannedRecording) -> tuple[Extended, Extended]:
     """Rows of the description's measured values and sensors, likely and sure."""
-    weighed = weighings(scene.dynamics.robot)
-    rows = [np.zeros((0, scene.width)), *(weighing_row(scene, row) for row in weighed)]
-    shown = [planned_rows(scene, sensor) for sensor in all_sensor_rows(scene.dynamics)]
+    weighed = weighings(recorded.dynamics.robot)
+    rows = [np.zeros((0, recorded.width)), *(weighing_row(recorded, row) for row in weighed)]
+    shown = [planned_rows(recorded, sensor) for sensor in all_sensor_rows(recorded.dynamics)]
     likely, sure = zip(*shown, strict=True) if shown else ((), ())
     return np.vstack([*rows, *likely]), np.vstack([*rows, *sure])
 
 
-def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Iterator[Use]:
-    robot, layout = scene.dynamics.robot, scene.dynamics.layout
+def _of_weighings(
+    recorded: PlannedRecording, offers: Offers, key: str, offer: Offer
+) -> Iterator[Use]:
+    robot, layout = recorded.dynamics.robot, recorded.dynamics.layout
     paid = key, offer.group or key, offer.price, offer.hours * offers.hourly
     if offer.measured:
         for measured in offer.measured:
             _require_bodies(robot, measured.placed, key)
-        values = (weighing(each, each.placed, layout, scene.p) for each in offer.measured)
-        rows = np.vstack([weighing_row(scene, value) for value in values])
+        values = (weighing(each, each.placed, layout, recorded.p) for each in offer.measured)
+        rows = np.vstack([weighing_row(recorded, value) for value in values])
         yield Use(key, offer.title, *paid, rows, rows)
     names = list[str]()
     for weigh in offer.weighs:
         for placed in _placed(robot, weigh):
             _require_bodies(robot, placed, key)
-            value = planned(scene, weigh, placed)
+            value = planned(recorded, weigh, placed)
             if value is not None:
-                row = weighing_row(scene, value)
+                row = weighing_row(recorded, value)
                 bodies = "+".join(f"{p.count}{p.body}" if p.count > 1 else p.body for p in placed)
                 names.append(bodies)
                 again = f":{names.count(bodies)}" if names.count(bodies) > 1 else ""
@@ -105,12 +107,12 @@ def _of_weighings(scene: Scene, offers: Offers, key: str, offer: Offer) -> Itera
                 )
 
 
-def planned(scene: Scene, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | None:
+def planned(recorded: PlannedRecording, weigh: Weigh, placed: Sequence[Placed]) -> Weighing | None:
     """A value that could be measured, at the prior.
 
     None where its standard deviation is a share of a value that is zero.
     """
-    layout, p = scene.dynamics.layout, scene.p
+    layout, p = recorded.dynamics.layout, recorded.p
     first = p[layout.body(placed[0].body)]
     axis = _axis(weigh.axis, first)
     about = first[1:4] / first[0] if weigh.about == CENTRE else np.array(weigh.about)
@@ -169,15 +171,15 @@ def _require_bodies(robot: RobotDescription, placed: Sequence[Placed], key: str)
             )
 
 
-def _of_sensors(scene: Scene, offers: Offers, key: str, offer: Offer) -> Use:
-    dynamics = scene.dynamics
+def _of_sensors(recorded: PlannedRecording, offers: Offers, key: str, offer: Offer) -> Use:
+    dynamics = recorded.dynamics
     fitted = [each for given in offer.sensors.items() for each in _each(dynamics.robot, *given)]
     if not fitted:
         raise DescriptionError(
             "the robot has no place for it", where=f"offers.{key}.sensors", cure="leave it out"
         )
     count = len(fitted) / len(offer.sensors)
-    rows = [planned_rows(scene, sensor_rows(dynamics, *each)) for each in fitted]
+    rows = [planned_rows(recorded, sensor_rows(dynamics, *each)) for each in fitted]
     likely, sure = (triangle(np.vstack(parts)) for parts in zip(*rows, strict=True))
     paid = key, offer.group or key, count * offer.price, count * offer.hours * offers.hourly
     return Use(key, offer.title, *paid, likely, sure)
