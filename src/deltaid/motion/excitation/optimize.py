@@ -65,18 +65,12 @@ class StartAccount:
 
 @dataclass(frozen=True)
 class Optimum:
-    """The best feasible motion with the account of every start."""
+    """The best feasible motion with the account of every start, of `best` its own."""
 
     x: Vector
     motion: FourierMotion
-    value: float
+    best: StartAccount
     accounts: tuple[StartAccount, ...]
-
-    @property
-    def best(self) -> StartAccount:
-        """The start that it comes from."""
-        feasible = (account for account in self.accounts if account.feasible)
-        return min(feasible, key=lambda account: account.merit)
 
 
 Progress = Callable[[StartAccount], None]
@@ -114,7 +108,7 @@ def optimise(
     if not feasible:
         raise conflict(problem, results[0][1])
     best, x = min(feasible, key=lambda pair: pair[0].merit)
-    return Optimum(x, problem.series.motion(x), best.after, tuple(a for a, _ in results))
+    return Optimum(x, problem.series.motion(x), best, tuple(account for account, _ in results))
 
 
 def random_start(problem: ExcitationProblem, seed: int) -> Vector:
