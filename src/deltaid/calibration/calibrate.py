@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from deltaid.calibration.fit import GROWN, GeometryFit, UsedReadings, fit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_new_readings, require_plausible
-from deltaid.calibration.outlook import Direction, Knows, Places, open_directions, places
+from deltaid.calibration.outlook import Direction, Places, Uncertainty, open_directions, places
 from deltaid.calibration.readings import ProbeReadings
 from deltaid.calibration.tables import Measurements, ReadingsLike, read
 from deltaid.calibration.unknowns import (
@@ -88,8 +88,8 @@ class Calibration(Shown, Plotted, Tabled, Reported):
     shares: Float[np.ndarray, "sources numbers"]
     sessions: tuple[MeasuringSession, ...]
     rank: int
-    before: Knows
-    after: Knows
+    before: Uncertainty
+    after: Uncertainty
     open: tuple[Direction, ...]
     places: Places = field(repr=False)
     fit: GeometryFit = field(repr=False)
@@ -282,8 +282,8 @@ def _result(description: RobotDescription, solution: GeometryFit) -> Calibration
         left=float(np.linalg.norm(over.moved @ lost) / np.sqrt(len(over.x))),
         decided=tuple(kinds[k] for k in np.argmax(shares, axis=0)), shares=shares,
         sessions=_sessions(solution), rank=int(np.sum(np.linalg.svd(A, compute_uv=False) > 1)),
-        before=over.knows(known.G), after=over.knows(known.G @ solution.root), places=over,
-        open=open_directions(solution, over),
+        before=over.uncertainty(known.G), after=over.uncertainty(known.G @ solution.root),
+        places=over, open=open_directions(solution, over),
     )  # fmt: skip
 
 

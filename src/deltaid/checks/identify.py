@@ -206,7 +206,7 @@ def _kept(
     if verdict.grade is not Grade.DOUBTFUL:
         return verdict
     if verdict.key == "homing-or-tilt":
-        return verdict if _zero_seen(result.problem, recording, described) else None
+        return verdict if _is_zero_significant(result.problem, recording, described) else None
     logs = [fix.log for fix in fixes if fix.kind == "velocity"]
     if verdict.key != "velocity" or recording.path.name not in logs:
         return verdict
@@ -216,19 +216,19 @@ def _kept(
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
-def _zero_seen(
+def _is_zero_significant(
     problem: FittedProblem, recording: PreparedRecording, described: RobotDescription
 ) -> bool:
     """Whether a zero or a tilt explains the residual of a fit, or as much as its additions."""
     fitted = _shifts_after(problem, recording)
-    if fitted.seen:
+    if fitted.is_significant:
         return True
     names = {entry.name for entry in parameter_layout(described).parameters}
     added = {entry.name for entry in problem.dynamics.layout.parameters} - names
     gains = {entry.name for entry in problem.layout.parameters if entry.kind == "gain"}
     repairs = replace(recording.repairs, gears=None, gain=())
     bare = _shifts_after(problem, replace(recording, repairs=repairs), without=added | gains)
-    if not bare.seen:
+    if not bare.is_significant:
         return False
     likeliest = max(bare.causes, key=bare.gain)
     value, _ = bare.estimate(likeliest)

@@ -72,19 +72,19 @@ class _Course:
         return slice(max(0, lag), len(self.time) + min(0, lag))
 
 
-def over_time_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
+def over_time_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
     """Verdicts on torques that were joined at another row, have no sign, or have another sign or
     unit for some time."""
-    course = _course(case) if case.good else None
+    course = _course(log) if log.good else None
     if course is None or not course.drives.size:
         return
-    magnitudes = tuple(_magnitudes(case, course))
-    yield from magnitudes or tuple(_stretch(case, course)) or _joined(case, course)
+    magnitudes = tuple(_magnitudes(log, course))
+    yield from magnitudes or tuple(_stretch(log, course)) or _joined(log, course)
 
 
-def _course(case: RemappedRecording) -> _Course | None:
+def _course(log: RemappedRecording) -> _Course | None:
     """The whole recording, as it is mapped; None where its loops do not close."""
-    rows, moved, dynamics = case.evidence.rows, case.motion, case.evidence.dynamics
+    rows, moved, dynamics = log.evidence.rows, log.motion, log.evidence.dynamics
     every, whole = -(-len(rows.time) // _MOST), float(np.ptp(rows.time))
     if moved.time[-1] - moved.time[0] < 0.9 * whole:
         fewer = {name: values[::every] for name, values in vars(rows).items()}
@@ -129,7 +129,7 @@ def _of_most_rows(
     return p
 
 
-def _magnitudes(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
+def _magnitudes(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     known = np.where(course.fitted, course.recorded, 0.0)
     signed, sizes = (
         1.0 - _gain(f, known)[1] ** 2 for f in (course.fitted, np.abs(course.unsigned))
@@ -139,16 +139,16 @@ def _magnitudes(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
         yield Verdict(
             "torque-sign",
             Grade.WRONG,
-            f"the torque of {case.all_or(drives)} never changes its sign, where the motion asks "
+            f"the torque of {log.all_or(drives)} never changes its sign, where the motion asks "
             "for both",
-            case.whose(drives),
+            log.whose(drives),
             "the column holds magnitudes, such as those of an rms current",
             "record the torque or current with its sign",
         )
 
 
-def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
-    if case.best.left < _EXPLAINED:
+def _joined(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
+    if log.best.left < _EXPLAINED:
         return
     half = len(course.time) // 2
     along = np.array([course.along(lag) for lag in range(-half, half + 1)])
@@ -162,7 +162,7 @@ def _joined(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
         return  # torques of a repeated motion correlate a period later as well
     if abs(late) < _DELAY or least < SENSIBLE[0] or 1 - peak**2 > _CLEARER * (1 - without**2):
         return
-    count = round(late / case.evidence.rows.step)
+    count = round(late / log.evidence.rows.step)
     yield Verdict(
         "torque-lag",
         Grade.WRONG,
@@ -248,21 +248,21 @@ class _Stretch:
         return f"from {start} to {end}"
 
 
-def _stretch(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
-    columns = [case.evidence.columns.torque[i].column for i in course.drives]
+def _stretch(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
+    columns = [log.evidence.columns.torque[i].column for i in course.drives]
     cure = "or give the parts as recordings with a mapping each"
     orders = list(permutations(range(len(columns))))
     stretch = _Stretch.best(course, orders)
     if stretch.is_long and (moved := stretch.moved).size:
         pairs = [
-            f"{columns[i]} has that of {case.names[course.drives[stretch.order[i]]]}" for i in moved
+            f"{columns[i]} has that of {log.names[course.drives[stretch.order[i]]]}" for i in moved
         ]
         yield Verdict(
             "drive-order",
             Grade.WRONG,
-            f"torques are in another order {stretch.rows(case.evidence)} than in the rest of the "
+            f"torques are in another order {stretch.rows(log.evidence)} than in the rest of the "
             f"recording: {listed(pairs)} if the rest is right",
-            case.whose(course.drives[moved].tolist()),
+            log.whose(course.drives[moved].tolist()),
             cause="two recordings with columns in different orders were joined",
             cure=f"put columns {listed([columns[i] for i in moved])} in order in these rows, "
             f"{cure}",
@@ -284,10 +284,10 @@ def _stretch(case: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     yield Verdict(
         "torque-sign" if turned else "torque-unit",
         Grade.WRONG,
-        f"the torque of {case.all_or(drives)} has another {what} {stretch.rows(case.evidence)} "
+        f"the torque of {log.all_or(drives)} has another {what} {stretch.rows(log.evidence)} "
         f"than in the rest of the recording: it is {size} times what it should be if the rest is "
         "right",
-        case.whose(drives),
+        log.whose(drives),
         cause=f"the {what} changed in drive or logger, or two recordings were joined",
         cure=f"correct column {listed([columns[i] for i in changed])} in these rows, {cure}",
         number=float(times[changed[0]]),

@@ -82,50 +82,50 @@ def rates(motion: FilteredMotion, map: Map) -> list[Rate]:
     return out
 
 
-def velocity_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
+def velocity_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
     """One verdict per cause; a good one if there is none."""
-    recorded = _mapped_rates(case)
+    recorded = _mapped_rates(log)
     if not recorded:
         return
     if swapped := [rate for rate in recorded if rate.is_swapped]:
-        yield _order(case, swapped)
+        yield _order(log, swapped)
         return
     matched = [rate for rate in recorded if rate.as_mapped > _TOGETHER]
-    lost = [_lost(case, rate) for rate in recorded if rate.as_mapped <= _TOGETHER]
-    poor = [*_scales(case, matched), *lost, *(() if lost else _late(case, matched))]
+    lost = [_lost(log, rate) for rate in recorded if rate.as_mapped <= _TOGETHER]
+    poor = [*_scales(log, matched), *lost, *(() if lost else _late(log, matched))]
     yield from poor or [_good(recorded)]
 
 
-def _mapped_rates(case: RemappedRecording) -> list[Rate]:
+def _mapped_rates(log: RemappedRecording) -> list[Rate]:
     """Comparison under the best map; without columns that match the positions as they are mapped
     now, for these change with them."""
-    recorded, identity = rates(case.motion, case.map), Map.identity(len(case.names))
-    if not recorded or case.map == identity:
+    recorded, identity = rates(log.motion, log.map), Map.identity(len(log.names))
+    if not recorded or log.map == identity:
         return recorded
     matching = [
         rate.drive
-        for rate in rates(case.motion, identity)
+        for rate in rates(log.motion, identity)
         if rate.as_mapped > _TOGETHER and 1 / _WRONG < rate.scale < _WRONG
     ]
     return [rate for rate in recorded if rate.drive not in matching]
 
 
-def _scales(case: RemappedRecording, matched: list[Rate]) -> Iterator[Verdict]:
+def _scales(log: RemappedRecording, matched: list[Rate]) -> Iterator[Verdict]:
     """A verdict on drives with the same wrong unit and sign."""
     groups: dict[tuple[str, bool], list[Rate]] = {}
     for rate in matched:
         if not 1 / _DOUBTFUL < rate.scale < _DOUBTFUL:
-            units = (_SLIDING if case.linear(rate.drive) else _TURNING).items()
+            units = (_SLIDING if log.linear(rate.drive) else _TURNING).items()
             named = (
                 u for factor, u in units if 1 / _DOUBTFUL < abs(rate.scale) / factor < _DOUBTFUL
             )
             groups.setdefault((next(named, ""), rate.scale < 0), []).append(rate)
     for (name, reversed_), group in groups.items():
-        yield _scale(case, group, name, reversed_=reversed_)
+        yield _scale(log, group, name, reversed_=reversed_)
 
 
-def _lost(case: RemappedRecording, rate: Rate) -> Verdict:
-    drive = case.names[rate.drive]
+def _lost(log: RemappedRecording, rate: Rate) -> Verdict:
+    drive = log.names[rate.drive]
     seen = (
         f"the velocity column of {drive} goes with no drive's changes of position (correlation "
         f"{rate.correlation:.2g})"
@@ -133,7 +133,7 @@ def _lost(case: RemappedRecording, rate: Rate) -> Verdict:
     return _NOISE.judged(seen, drive, rate.correlation)
 
 
-def _late(case: RemappedRecording, matched: list[Rate]) -> Iterator[Verdict]:
+def _late(log: RemappedRecording, matched: list[Rate]) -> Iterator[Verdict]:
     late = [rate for rate in matched if abs(rate.lag) > max(APART, STRONG * rate.lag_std)]
     if late:
         latest = max(late, key=lambda rate: abs(rate.lag))
@@ -141,7 +141,7 @@ def _late(case: RemappedRecording, matched: list[Rate]) -> Iterator[Verdict]:
             f"velocities are {1e3 * abs(latest.lag):.3g} ± {2e3 * latest.lag_std:.1g} ms "
             f"{'behind' if latest.lag > 0 else 'ahead of'} the changes of the positions"
         )
-        yield _LATE.judged(seen, case.whose([rate.drive for rate in late]), 1e3 * latest.lag)
+        yield _LATE.judged(seen, log.whose([rate.drive for rate in late]), 1e3 * latest.lag)
 
 
 def _good(recorded: list[Rate]) -> Verdict:
@@ -154,11 +154,11 @@ def _good(recorded: list[Rate]) -> Verdict:
     return _LATE.good(seen, lag)
 
 
-def _order(case: RemappedRecording, swapped: list[Rate]) -> Verdict:
-    record, columns = case.evidence, case.evidence.columns.velocity
+def _order(log: RemappedRecording, swapped: list[Rate]) -> Verdict:
+    record, columns = log.evidence, log.evidence.columns.velocity
     weakest = min(rate.correlation for rate in swapped)
     pairs = ", ".join(
-        f"{columns[rate.drive].column} is that of {case.names[rate.nearest]}" for rate in swapped
+        f"{columns[rate.drive].column} is that of {log.names[rate.nearest]}" for rate in swapped
     )
     moved = {
         rate.nearest: record.taken_from(rate.drive, "velocity", rate.nearest) for rate in swapped
@@ -166,19 +166,19 @@ def _order(case: RemappedRecording, swapped: list[Rate]) -> Verdict:
     return _ORDER.judged(
         f"velocity columns go with the changes of other drives' positions, by correlations of at "
         f"least {weakest:.3f}: {pairs}",
-        case.whose([rate.drive for rate in swapped]),
+        log.whose([rate.drive for rate in swapped]),
         weakest,
         grade=Grade.WRONG,
         proposals=record.proposal({"velocity": moved}),
     )
 
 
-def _scale(case: RemappedRecording, scaled: list[Rate], name: str, *, reversed_: bool) -> Verdict:
+def _scale(log: RemappedRecording, scaled: list[Rate], name: str, *, reversed_: bool) -> Verdict:
     """Verdict on drives whose velocities have one wrong scale, in a named unit or none."""
     scale = float(np.median([rate.scale for rate in scaled]))
     size = float(np.median([abs(rate.scale) for rate in scaled]))
-    ratio, record = max(size, 1 / size), case.evidence
-    whose = case.whose([rate.drive for rate in scaled])
+    ratio, record = max(size, 1 / size), log.evidence
+    whose = log.whose([rate.drive for rate in scaled])
     velocities = f"velocities of {whose}" if whose else "velocities"
     factor = min((*_TURNING, *_SLIDING), key=lambda f: abs(np.log(size / f)))
     changes: Values = {}

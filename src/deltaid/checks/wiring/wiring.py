@@ -60,33 +60,33 @@ def checked_wirings(
     `checked_wiring` raises.
     """
     _refuse_rest(records)
-    cases, over_time = dict[int, RemappedRecording](), dict[int, tuple[Verdict, ...]]()
+    judged, over_time = dict[int, RemappedRecording](), dict[int, tuple[Verdict, ...]]()
     for k, record in enumerate(records):
         _refuse_copies(record)
         fine = None if record.stands else motion(record.rows)
         if fine is not None and len(fine.tau) >= FEWEST:
             part = motion(record.rows, **_PART)
             coarse = fine if part is None or len(part.tau) < SAMPLES else part
-            case = RemappedRecording(record, fine, explained(record.dynamics, fine, coarse))
-            cases[k], over_time[k] = case, tuple(over_time_verdicts(case))
+            log = RemappedRecording(record, fine, explained(record.dynamics, fine, coarse))
+            judged[k], over_time[k] = log, tuple(over_time_verdicts(log))
         if len(records) > 1:
             forget(record)
-    shown = {k: case for k, case in cases.items() if case.good and not over_time[k]}
-    drives = [case.evidence.columns.drives for case in shown.values()]
+    shown = {k: log for k, log in judged.items() if log.good and not over_time[k]}
+    drives = [log.evidence.columns.drives for log in shown.values()]
     common = None
     if len(drives) > 1 and all(columns == drives[0] for columns in drives):
-        motions, goods = zip(*((case.motion, case.good) for case in shown.values()), strict=True)
+        motions, goods = zip(*((log.motion, log.good) for log in shown.values()), strict=True)
         goods = together(records[0].dynamics, motions, goods)
-        joint = {k: replace(cases[k], good=good) for k, good in zip(shown, goods, strict=True)}
-        if all(_goes_with_others(joint[k], cases[k]) for k in shown):
-            cases |= joint
-            sensible = [case for case in joint.values() if case.good]
-            clearest = min(sensible, key=lambda case: case.best.left)
+        joint = {k: replace(judged[k], good=good) for k, good in zip(shown, goods, strict=True)}
+        if all(_goes_with_others(joint[k], judged[k]) for k in shown):
+            judged |= joint
+            sensible = [log for log in joint.values() if log.good]
+            clearest = min(sensible, key=lambda log: log.best.left)
             common = column_verdicts(clearest)
     each = [
-        (*_other_drives(record), *judged)
+        (*_other_drives(record), *verdicts)
         for k, record in enumerate(records)
-        for judged in [over_time[k] or _of_recording(cases[k], common) if k in cases else ()]
+        for verdicts in [over_time[k] or _of_recording(judged[k], common) if k in judged else ()]
     ]
     return common or (), each
 
@@ -150,41 +150,41 @@ def _correlations(numbers: np.ndarray) -> np.ndarray:
 
 
 def _of_recording(
-    case: RemappedRecording, common: tuple[Verdict, ...] | None
+    log: RemappedRecording, common: tuple[Verdict, ...] | None
 ) -> tuple[Verdict, ...]:
-    if not case.good:
-        return (_out_of_reach(case.evidence),)
-    verdicts = list(column_verdicts(case) if common is None else common)
-    senseless = case.unrelated or case.best.left > SENSIBLE[1] or case.along < UNRELATED
-    if case.best.closes and not verdicts:
-        verdicts += _upside_down(case) or ([_senseless(case)] if senseless else [])
-    verdicts += zero_verdicts(case) if worst(verdicts) is not Grade.WRONG else ()
-    verdicts += velocity_verdicts(case)
+    if not log.good:
+        return (_out_of_reach(log.evidence),)
+    verdicts = list(column_verdicts(log) if common is None else common)
+    senseless = log.unrelated or log.best.left > SENSIBLE[1] or log.along < UNRELATED
+    if log.best.closes and not verdicts:
+        verdicts += _upside_down(log) or ([_senseless(log)] if senseless else [])
+    verdicts += zero_verdicts(log) if worst(verdicts) is not Grade.WRONG else ()
+    verdicts += velocity_verdicts(log)
     if worst(verdicts) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
         seen = (
-            f"the loops close, torques go with the motion of their drives ({case.along:.2g} is the "
-            f"least correlation with those of the prior) and are {overall(case.ratios):.2g} times "
+            f"the loops close, torques go with the motion of their drives ({log.along:.2g} is the "
+            f"least correlation with those of the prior) and are {overall(log.ratios):.2g} times "
             "those"
         )
-        verdicts.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=case.along))
+        verdicts.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=log.along))
     return tuple(verdicts[len(common or ()) :])
 
 
-def _upside_down(case: RemappedRecording) -> list[Verdict]:
+def _upside_down(log: RemappedRecording) -> list[Verdict]:
     """A verdict where torques go with gravity that is opposite to the described one."""
-    robot, gravity = case.evidence.robot, [0.0 - g for g in case.evidence.robot.gravity]
-    if case.along >= SENSIBLE[0]:
+    robot, gravity = log.evidence.robot, [0.0 - g for g in log.evidence.robot.gravity]
+    if log.along >= SENSIBLE[0]:
         return []
     turned = compiled(robot.changed(gravity=tuple(gravity)))
-    again = residual(turned, case.motion, case.best.map)
-    along = replace(case, good=(replace(case.best, residual=again),)).along if again else -1.0
+    again = residual(turned, log.motion, log.best.map)
+    along = replace(log, good=(replace(log.best, residual=again),)).along if again else -1.0
     if along < SENSIBLE[0]:
         return []
     verdict = Verdict(
         "homing-or-tilt",
         Grade.WRONG,
         f"torques go with gravity in the opposite direction: {along:.2g} is then their least "
-        f"correlation with the prior's, and {case.along:.2g} as described",
+        f"correlation with the prior's, and {log.along:.2g} as described",
         cause="gravity in the description has the wrong sign, or the robot is mounted the other "
         "way up",
         cure="describe gravity as it acts in the robot's frame",
@@ -194,28 +194,28 @@ def _upside_down(case: RemappedRecording) -> list[Verdict]:
     return [verdict]
 
 
-def _senseless(case: RemappedRecording) -> Verdict:
-    if case.unrelated:
+def _senseless(log: RemappedRecording) -> Verdict:
+    if log.unrelated:
         return Verdict(
             "drive-order",
             Grade.WRONG,
-            f"the torques have nothing to do with the motion: the best robot {case.fits}, and no "
+            f"the torques have nothing to do with the motion: the best robot {log.fits}, and no "
             "unit, sign or order helps",
             cause="they are of another recording, at other rows than the positions, or no torques",
             cure="check by name which signals the torque columns hold, and that positions and "
             "torques are of one run",
-            number=case.along,
+            number=log.along,
         )
-    i = int(np.argmin(np.where(case.best.residual.still, 1.0, case.best.along)))
+    i = int(np.argmin(np.where(log.best.residual.still, 1.0, log.best.along)))
     return Verdict(
         "drive-order",
         Grade.CANNOT_TELL,
-        f"the torque of {case.names[i]} hardly goes with its motion: its correlation with the "
-        f"prior's is {case.best.along[i]:.2g}, and no unit, sign or order explains the torques",
-        subject=case.names[i],
+        f"the torque of {log.names[i]} hardly goes with its motion: its correlation with the "
+        f"prior's is {log.best.along[i]:.2g}, and no unit, sign or order explains the torques",
+        subject=log.names[i],
         cause="the columns are of other signals, the drive hardly moves, or the prior is far off",
         cure="check by name which signals the torque columns hold",
-        number=float(case.best.along[i]),
+        number=float(log.best.along[i]),
     )
 
 

@@ -111,7 +111,7 @@ class Shifts:
         return [cause for cause in (likeliest, self.tilt) if cause]
 
     @property
-    def seen(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether the likeliest zero, or a tilt, is significant and explains enough."""
         certainty = max((self.certainty(cause) for cause in self.causes), default=0.0)
         clear = float(stdtrit(len(self.scores) - 1, 1 - 0.5 * CHANCE / (self.drives + self.angles)))
@@ -128,10 +128,10 @@ class Shifts:
         return angle, 2 * float(np.sqrt(direction @ covariance @ direction))
 
     def estimate(
-        self, chosen: list[int], beside: Sequence[int] = ()
+        self, chosen: list[int], others: Sequence[int] = ()
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
         """Values of some columns and their covariance, with others fitted as well."""
-        columns = [*chosen, *beside]
+        columns = [*chosen, *others]
         H, n = self.H[np.ix_(columns, columns)], len(chosen)
         scale = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
         scales = np.outer(scale, scale)
@@ -141,11 +141,11 @@ class Shifts:
         spread = centred.T @ centred * blocks / max(blocks - len(columns), 1)
         return (inverse @ s.sum(axis=0))[:n], (inverse @ spread @ inverse)[:n, :n]
 
-    def certainty(self, chosen: list[int], beside: Sequence[int] = ()) -> float:
+    def certainty(self, chosen: list[int], others: Sequence[int] = ()) -> float:
         """Wald's distance of some columns from zero in standard deviations; 0 if unobservable."""
         if not all(self.H[i, i] > 0 for i in chosen):
             return 0.0
-        value, covariance = self.estimate(chosen, beside)
+        value, covariance = self.estimate(chosen, others)
         values, vectors = np.linalg.eigh(covariance)
         determined = values > NEGLIGIBLE * values[-1]
         projected = vectors[:, determined].T @ value
@@ -177,10 +177,10 @@ def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -
     return Shifts.from_rows(residual.span, columns, tau, dof, len(axes))
 
 
-def zero_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
-    best, motion = case.best, case.motion
-    shift = shifts(case.evidence.dynamics, motion, best)
-    doubted = bool(shift.zeros) and shift.seen
+def zero_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
+    best, motion = log.best, log.motion
+    shift = shifts(log.evidence.dynamics, motion, best)
+    doubted = bool(shift.zeros) and shift.is_significant
     if not doubted or _better_explained(shift, np.flatnonzero(best.loose).tolist()):
         if not best.closes:
             yield _open(best)
@@ -188,17 +188,17 @@ def zero_verdicts(case: RemappedRecording) -> Iterator[Verdict]:
             yield _good(shift)
         return
     drive = max(shift.zeros, key=lambda i: shift.gain([i]))
-    beside = shift.certainty([drive], shift.tilt)
-    instead = shift.certainty(shift.tilt, [drive]) if shift.tilt else 0.0
+    of_zero = shift.certainty([drive], shift.tilt)
+    of_tilt = shift.certainty(shift.tilt, [drive]) if shift.tilt else 0.0
     # Zeros of several drives mimic any tilt, so the simpler cause is reported if both are needed.
-    either, zero = (instead < _NEEDED) == (beside < _NEEDED), beside >= _NEEDED
+    either, zero = (of_tilt < _NEEDED) == (of_zero < _NEEDED), of_zero >= _NEEDED
     if either and shift.tilt:
         zero = shift.gain([drive]) > shift.gain(shift.tilt)
     others = (i for i in shift.zeros if i != drive)
     rivals = [drive, *(i for i in others if shift.certainty([drive], [i]) < _NEEDED)]
-    error = _zero(case.evidence, motion, best, shift, drive)
+    error = _zero(log.evidence, motion, best, shift, drive)
     grade = Grade.DOUBTFUL if best.closes else Grade.WRONG
-    yield _verdict(case.evidence, shift, rivals, error, grade=grade, zero=zero, either=either)
+    yield _verdict(log.evidence, shift, rivals, error, grade=grade, zero=zero, either=either)
 
 
 def _better_explained(shift: Shifts, loose: list[int]) -> bool:

@@ -45,7 +45,7 @@ class Open:
         Args:
             null: its null space; entries that its rows do not depend on may change.
         """
-        basis, d = other.basis[null.seen], (self.direction / null.scale)[null.seen]
+        basis, d = other.basis[null.is_visible], (self.direction / null.scale)[null.is_visible]
         rest = d - basis @ np.linalg.lstsq(basis, d, rcond=FAINT)[0]
         return bool(np.linalg.norm(rest) < FAINT * np.linalg.norm(d))
 
@@ -56,7 +56,7 @@ class NullSpace:
     rank: number of determined combinations of parameters.
     directions: a basis of the undetermined ones among visible parameters, visible − rank of them.
     invisible: parameters that no row depends on.
-    seen: which parameters are visible.
+    is_visible: which parameters are visible.
     scale: sizes of all parameters.
     basis: of the whole null space, invisible parameters included, in units of the scales.
     """
@@ -64,13 +64,13 @@ class NullSpace:
     rank: int
     directions: tuple[Open, ...]
     invisible: tuple[str, ...]
-    seen: Bool[np.ndarray, " parameters"] = field(repr=False)
+    is_visible: Bool[np.ndarray, " parameters"] = field(repr=False)
     scale: Float[np.ndarray, " parameters"] = field(repr=False)
     basis: Float[np.ndarray, "parameters dimension"] = field(repr=False)
 
     @property
     def visible(self) -> int:
-        return int(self.seen.sum())
+        return int(self.is_visible.sum())
 
 
 def null_space(
@@ -81,14 +81,14 @@ def null_space(
     """Null space of rows over p, with names for its directions."""
     scale = np.array([parameter.scale for parameter in layout.parameters])
     norms = np.linalg.norm(rows * scale, axis=0)
-    seen = norms > NEGLIGIBLE * norms.max(initial=0.0)
-    to_p = scale[seen] / norms[seen]
-    unit = rows[:, seen] * to_p
+    is_visible = norms > NEGLIGIBLE * norms.max(initial=0.0)
+    to_p = scale[is_visible] / norms[is_visible]
+    unit = rows[:, is_visible] * to_p
     _, S, Vt = np.linalg.svd(unit)
     rank = int(np.sum(NEGLIGIBLE * S[0] < S))
     chosen, basis = list[Open](), np.zeros((len(to_p), 0))
-    for exchange in (*exchanges, *_together(unit, to_p, seen, exchanges)):
-        d = exchange.direction[seen] / to_p
+    for exchange in (*exchanges, *_together(unit, to_p, is_visible, exchanges)):
+        d = exchange.direction[is_visible] / to_p
         length = np.linalg.norm(d)
         if length == 0 or np.linalg.norm(unit @ d) > FAINT * length:
             continue
@@ -97,26 +97,28 @@ def null_space(
             rest = rest - basis @ (basis.T @ rest)
         if np.linalg.norm(rest) > FAINT:
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
-            chosen.append(_open(exchange.words, exchange.direction, seen, layout))
-    named = [free.direction[seen] / to_p for free in chosen]
+            chosen.append(_open(exchange.words, exchange.direction, is_visible, layout))
+    named = [free.direction[is_visible] / to_p for free in chosen]
     left = _remaining(Vt[rank:], np.array(named).reshape(-1, len(to_p)))
     each = np.eye(len(scale))
-    chosen += [_open("", each[:, seen] @ (d * to_p), seen, layout) for d in left]
-    whole = np.hstack([each[:, seen] @ (Vt[rank:].T / norms[seen, None]), each[:, ~seen]])
-    invisible = tuple(np.array(layout.names)[~seen].tolist())
-    return NullSpace(rank, tuple(chosen), invisible, seen, scale, whole)
+    chosen += [_open("", each[:, is_visible] @ (d * to_p), is_visible, layout) for d in left]
+    whole = np.hstack(
+        [each[:, is_visible] @ (Vt[rank:].T / norms[is_visible, None]), each[:, ~is_visible]]
+    )
+    invisible = tuple(np.array(layout.names)[~is_visible].tolist())
+    return NullSpace(rank, tuple(chosen), invisible, is_visible, scale, whole)
 
 
 def _together(
-    unit: Float[np.ndarray, "rows seen"],
-    to_p: Float[np.ndarray, " seen"],
-    seen: Bool[np.ndarray, " parameters"],
+    unit: Float[np.ndarray, "rows visible"],
+    to_p: Float[np.ndarray, " visible"],
+    is_visible: Bool[np.ndarray, " parameters"],
     exchanges: Sequence[Exchange],
 ) -> Iterator[Exchange]:
     """Pairs of determined exchanges in the ratio that makes their sum undetermined."""
     open_ = list[tuple[Exchange, np.ndarray, float]]()
     for exchange in exchanges:
-        d = exchange.direction[seen] / to_p
+        d = exchange.direction[is_visible] / to_p
         length = float(np.linalg.norm(d))
         if length > 0 and np.linalg.norm(unit @ d) > FAINT * length:
             open_.append((exchange, unit @ d / length, length))
@@ -129,16 +131,19 @@ def _together(
 
 
 def _open(
-    words: str, direction: Direction, seen: Bool[np.ndarray, " parameters"], layout: ParameterLayout
+    words: str,
+    direction: Direction,
+    is_visible: Bool[np.ndarray, " parameters"],
+    layout: ParameterLayout,
 ) -> Open:
-    d = np.where(seen, direction, 0.0)
+    d = np.where(is_visible, direction, 0.0)
     share = np.abs(d) / np.array([parameter.scale for parameter in layout.parameters])
     names = tuple(layout.names[k] for k in np.flatnonzero(share > FAINT * share.max()))
     return Open(words or f"a combination of {', '.join(names)}", names, d)
 
 
 def _remaining(
-    null: Float[np.ndarray, "dimension seen"], named: Float[np.ndarray, "named seen"]
+    null: Float[np.ndarray, "dimension visible"], named: Float[np.ndarray, "named visible"]
 ) -> Iterator[np.ndarray]:
     """A sparse basis of a null space without its named directions.
 
