@@ -31,14 +31,6 @@ _ABOVE, _BELOW = 2.0, 0.4
 # Share of samples with an undetected friction reversal that biases parameters: 0.8 % biased
 # friction by 0.4 %, 2.4 % by 5 %.
 _DOUBTFUL, _WRONG = 0.007, 0.02
-_FEEDBACK = Fault(
-    "closed-loop",
-    "%",
-    "coarse or noisy positions, differentiated by the controller, shake the drives: friction near "
-    "rest is averaged away, and inertia takes its part",
-    "lower the controller's gains or the cut-off of its speed for this recording, or use the "
-    "motor's encoder; intervals do not hold this",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +55,19 @@ def checked_feedback(evidence: Evidence) -> Iterator[Verdict]:
         return
     worst = int(np.argmax(shake.reversed))
     drive, share = evidence.robot.drives[worst], float(shake.reversed[worst])
-    unit, number = evidence.robot.drive_units[drive], 100 * share
-    text = (
+    unit, fault = evidence.robot.drive_units[drive], Fault("closed-loop", "%")
+    yield fault.judged(
         f"noise of the encoder comes back as torque, {shake.torque[worst]:.2g} {unit.force} and "
         f"{shake.speed[worst]:.2g} {unit.speed} of {drive}; it turns round the joint in "
-        f"{percent(share)} of the samples"
+        f"{percent(share)} of the samples",
+        drive,
+        100 * share,
+        grade=graded(share, _DOUBTFUL, _WRONG),
+        cause="coarse or noisy positions, differentiated by the controller, shake the drives: "
+        "friction near rest is averaged away, and inertia takes its part",
+        cure="lower the controller's gains or the cut-off of its speed for this recording, or use "
+        "the motor's encoder; intervals do not hold this",
     )
-    yield _FEEDBACK.judged(text, drive, number, grade=graded(share, _DOUBTFUL, _WRONG))
 
 
 def encoder_feedback(

@@ -46,12 +46,6 @@ _HIDDEN = Fault(
 _WEAK = Fault(
     "excitation", "times less certain", "the motion is slow, or uses little of the workspace"
 )
-_STILL = Fault(
-    "excitation",
-    "drives",
-    "a motion of single drives, or none",
-    "record a motion of all drives, such as `deltaid excite` plans",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +161,13 @@ def _parameters(certainty: _Certainty) -> Verdict:
 def _excitation(certainty: _Certainty, still: Sequence[str]) -> Verdict:
     if still:
         move = "moves" if len(still) == 1 else "move"
-        seen = f"{listed(still)} hardly {move} in what is recorded"
-        return _STILL.judged(seen, listed(still), float(len(still)))
+        return Fault("excitation", "drives").judged(
+            f"{listed(still)} hardly {move} in what is recorded",
+            listed(still),
+            float(len(still)),
+            cause="a motion of single drives, or none",
+            cure="record a motion of all drives, such as `deltaid excite` plans",
+        )
     ratio = certainty.recorded / certainty.usual
     number = float(np.quantile(ratio, 0.75, method="higher"))
     if number <= _POOR:

@@ -27,7 +27,6 @@ _OUTSIDE, _INSIDE = 1.5, 0.02
 _SPREADS = 30.0
 _UNITS = {"kg": "grams", "kg m²": "kg mm², kg cm² or g m²"}
 _MASS = Fault("prior-scale", "kg", "a mass in grams")
-_DENSITY = Fault("prior-scale", "kg/m³")
 _EXTENT = Fault(
     "prior-scale",
     "m",
@@ -35,12 +34,6 @@ _EXTENT = Fault(
     "frame's origin",
 )
 _MEASURED = Fault("measured-scale")
-_CENTRE = Fault(
-    "measured-scale",
-    "m",
-    "a centre of mass in mm, or a first moment in kg mm or g mm",
-    "give centres in m and first moments in kg m, in the body's link frame",
-)
 
 
 def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
@@ -80,7 +73,7 @@ def _shape(
         cure = "check mass and radii; they are in kg and m"
         if by_density:
             cause, cure = "a density in g/cm³", "give the density in kg/m³: 1000 times the number"
-    return _DENSITY.judged(
+    return Fault("prior-scale", "kg/m³").judged(
         f"{path} has a density of {density:.3g} kg/m³; {seen}",
         name,
         density,
@@ -157,8 +150,7 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
             bodies = np.unique(np.flatnonzero(row.coefficients) // 10)
             lever = error / float(prior[10 * bodies].sum())
             if lever > _OUTSIDE * size_of(robot):
-                seen = f"{row.name} would lie {lever:.3g} m from where the prior has it"
-                poor.append(_CENTRE.judged(seen, row.where, lever, grade=Grade.WRONG))
+                poor.append(_misplaced(row, lever))
         elif ratio < 1 / FACTOR or (ratio > FACTOR and not likely):
             poor.append(_scaled(row, expected, ratio))
     if poor or not rows:
@@ -166,6 +158,17 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
     first, (several, go) = next(iter(rows)).name, ("s", "go") if len(rows) > 1 else ("", "goes")
     seen = f"{len(rows)} measured value{several}, as {first}, {go} with the description"
     return (_MEASURED.good(seen),)
+
+
+def _misplaced(row: Weighing, lever: float) -> Verdict:
+    return Fault("measured-scale", "m").judged(
+        f"{row.name} would lie {lever:.3g} m from where the prior has it",
+        row.where,
+        lever,
+        grade=Grade.WRONG,
+        cause="a centre of mass in mm, or a first moment in kg mm or g mm",
+        cure="give centres in m and first moments in kg m, in the body's link frame",
+    )
 
 
 def _scaled(row: Weighing, expected: float, ratio: float) -> Verdict:

@@ -52,13 +52,6 @@ _RINGS = Fault(
 )
 # Residual as a share of a drive's largest torque that no measured torque falls below.
 _EXACT = 1e-4
-_COMPUTED = Fault(
-    "residual",
-    "%",
-    "the column holds a computed torque, a feed-forward or a simulation without noise: what is "
-    "identified is the model behind it, and not the robot",
-    "record the torque that the drives measure",
-)
 _REST = Fault(
     "residual",
     "%",
@@ -195,8 +188,12 @@ def _computed(study: Study) -> Verdict | None:
         return None
     subject = "" if np.array_equal(exact, moves) else listed(drives[exact].tolist())
     share = float(shares[exact].max())
-    seen = (
+    return _REST.judged(
         f"the model explains {f'the torque of {subject}' if subject else 'all torques'} to "
-        f"{percent(share)} of the largest; measured ones have noise of 0.3 to 3 %"
+        f"{percent(share)} of the largest; measured ones have noise of 0.3 to 3 %",
+        subject,
+        100 * share,
+        cause="the column holds a computed torque, a feed-forward or a simulation without noise: "
+        "what is identified is the model behind it, and not the robot",
+        cure="record the torque that the drives measure",
     )
-    return _COMPUTED.judged(seen, subject, 100 * share)

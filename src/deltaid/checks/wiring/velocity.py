@@ -25,12 +25,6 @@ _TURNING = {180 / np.pi: "degrees per second", 30 / np.pi: "rpm",
             np.pi / 180: "rad/s, and not in degrees", np.pi / 30: "rad/s, and not rpm"}  # fmt: skip
 _SLIDING = {1e3: "mm/s", 1e-3: "m/s, and not in mm/s"}
 _LEAVE = "leave the velocity columns out: positions are then differentiated"
-_ORDER = Fault(
-    "velocity",
-    cause="velocity columns are in another order than the position columns",
-    cure="map the velocity columns in the order of the drives",
-)
-_NOISE = Fault("velocity", cause="the column is of another signal, or very noisy", cure=_LEAVE)
 _LATE = Fault(
     "velocity",
     "ms",
@@ -126,11 +120,16 @@ def _scales(log: RemappedRecording, matched: list[Rate]) -> Iterator[Verdict]:
 
 def _lost(log: RemappedRecording, rate: Rate) -> Verdict:
     drive = log.names[rate.drive]
-    seen = (
+    return Verdict(
+        "velocity",
+        Grade.DOUBTFUL,
         f"the velocity column of {drive} goes with no drive's changes of position (correlation "
-        f"{rate.correlation:.2g})"
+        f"{rate.correlation:.2g})",
+        drive,
+        "the column is of another signal, or very noisy",
+        _LEAVE,
+        number=rate.correlation,
     )
-    return _NOISE.judged(seen, drive, rate.correlation)
 
 
 def _late(log: RemappedRecording, matched: list[Rate]) -> Iterator[Verdict]:
@@ -163,13 +162,16 @@ def _order(log: RemappedRecording, swapped: list[Rate]) -> Verdict:
     moved = {
         rate.nearest: record.taken_from(rate.drive, "velocity", rate.nearest) for rate in swapped
     }
-    return _ORDER.judged(
+    return Verdict(
+        "velocity",
+        Grade.WRONG,
         f"velocity columns go with the changes of other drives' positions, by correlations of at "
         f"least {weakest:.3f}: {pairs}",
         log.whose([rate.drive for rate in swapped]),
+        "velocity columns are in another order than the position columns",
+        "map the velocity columns in the order of the drives",
+        record.proposal({"velocity": moved}),
         weakest,
-        grade=Grade.WRONG,
-        proposals=record.proposal({"velocity": moved}),
     )
 
 
