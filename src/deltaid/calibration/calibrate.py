@@ -1,6 +1,6 @@
 """`deltaid.calibrate`: geometry of a Delta from measured poses, with undetermined combinations."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from deltaid.calibration.fit import GROWN, GeometryFit, UsedReadings, fit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_new_readings, require_plausible
 from deltaid.calibration.outlook import Direction, Places, Uncertainty, open_directions, places
-from deltaid.calibration.readings import ProbeReadings
+from deltaid.calibration.readings import Instrument, ProbeReadings
 from deltaid.calibration.tables import Measurements, ReadingsLike, read
 from deltaid.calibration.unknowns import (
     TOLERANCE,
@@ -235,15 +235,10 @@ def calibrate(
     loops, mapping = Loops(description, known, tool), columns or Measurements()
     if not isinstance(mapping, Measurements):
         mapping = load_yaml(Path(mapping), Measurements)
-    instruments = []
     by_kind: dict[PoseKind, ReadingsLike | None] = {
         "points": points, "probe": probe, "distances": distances
     }  # fmt: skip
-    for kind, given in by_kind.items():
-        for source in _as_sequence(given):
-            instruments.append(read(kind, source, getattr(mapping, kind), loops))
-            require_new_readings(instruments[-1], instruments[:-1])
-            require_plausible(loops, known, instruments[-1])
+    instruments = _instruments(by_kind, mapping, loops, known)
     if not instruments:
         raise RecordingError(
             "no poses were measured" if torques is not None else "nothing was measured",
@@ -256,6 +251,21 @@ def calibrate(
         rows = torque_rows(description, logs, mapping.torques, known, progress)
         known = replace(known, torques=rows)
     return _result(description, fit(loops, known, instruments))
+
+
+def _instruments(
+    by_kind: Mapping[PoseKind, ReadingsLike | None],
+    mapping: Measurements,
+    loops: Loops,
+    known: Unknowns,
+) -> list[Instrument]:
+    instruments = list[Instrument]()
+    for kind, given in by_kind.items():
+        for source in _as_sequence(given):
+            instruments.append(read(kind, source, getattr(mapping, kind), loops))
+            require_new_readings(instruments[-1], instruments[:-1])
+            require_plausible(loops, known, instruments[-1])
+    return instruments
 
 
 def _as_sequence(given: ReadingsLike | None) -> Sequence[RecordingLike]:

@@ -128,23 +128,9 @@ def unknowns(
     held: Sequence[str] = (),
 ) -> Unknowns:
     """Numbers of a robot's geometry with their priors, as for `calibrate`. Raises a
-    DescriptionError
-    where the robot has a mechanism of its own or no separate struts, an UnknownNameError for an
-    unknown name to share or to hold."""
-    limbs = robot.limbs
-    if limbs is None:
-        raise DescriptionError(
-            "has a mechanism of its own, whose lengths no calibration knows",
-            where=robot.name,
-            cure="describe it by limbs and platform",
-        )
-    pairs = limbs.strut_spacing is not None and limbs.count == 3
-    if apart and not (pairs and isinstance(robot.platform, RigidPlatform)):
-        raise DescriptionError(
-            "struts apart need three limbs, a rigid platform and strut_spacing",
-            where=f"{robot.name}, limbs",
-            cure="give limbs.strut_spacing, or calibrate with equal struts",
-        )
+    DescriptionError where the robot has a mechanism of its own or no separate struts, an
+    UnknownNameError for an unknown name to share or to hold."""
+    limbs = _required_limbs(robot, apart)
     per_limb = (ROTARY if limbs.drive == "rotary" else LINEAR) | (APART if apart else {})
     once = _HALF if isinstance(robot.platform, H4Platform | Par4Platform) else {}
     once |= TOOL if apart else {}
@@ -170,6 +156,24 @@ def unknowns(
         ),
         apart=apart,
     )
+
+
+def _required_limbs(robot: RobotDescription, apart: bool) -> Limbs:
+    limbs = robot.limbs
+    if limbs is None:
+        raise DescriptionError(
+            "has a mechanism of its own, whose lengths no calibration knows",
+            where=robot.name,
+            cure="describe it by limbs and platform",
+        )
+    pairs = limbs.strut_spacing is not None and limbs.count == 3
+    if apart and not (pairs and isinstance(robot.platform, RigidPlatform)):
+        raise DescriptionError(
+            "struts apart need three limbs, a rigid platform and strut_spacing",
+            where=f"{robot.name}, limbs",
+            cure="give limbs.strut_spacing, or calibrate with equal struts",
+        )
+    return limbs
 
 
 def _spread(

@@ -167,9 +167,11 @@ _PLACES = (
 
 @dataclass(frozen=True, eq=False)
 class Exchange:
-    """Attributes:
-    words: what may pass between which bodies.
-    direction: change of p.
+    """A change of p that rows may not determine.
+
+    Attributes:
+        words: what may pass between which bodies.
+        direction: change of p.
     """
 
     words: str

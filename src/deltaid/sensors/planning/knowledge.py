@@ -32,8 +32,10 @@ from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """Attributes:
-    root: an upper triangular R with Cov u = (RᵀR)⁻¹.
+    """The posterior of the unknowns u of a plan.
+
+    Attributes:
+        root: an upper triangular R with Cov u = (RᵀR)⁻¹.
     """
 
     root: Float[np.ndarray, "n n"]

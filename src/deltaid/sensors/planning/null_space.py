@@ -52,13 +52,16 @@ class Open:
 
 @dataclass(frozen=True, eq=False)
 class NullSpace:
-    """Attributes:
-    rank: number of determined combinations of parameters.
-    directions: a basis of the undetermined ones among visible parameters, visible − rank of them.
-    invisible: parameters that no row depends on.
-    is_visible: which parameters are visible.
-    scale: sizes of all parameters.
-    basis: of the whole null space, invisible parameters included, in units of the scales.
+    """Directions of p that rows do not determine, and their rank.
+
+    Attributes:
+        rank: number of determined combinations of parameters.
+        directions: a basis of the undetermined ones among visible parameters, visible − rank of
+            them.
+        invisible: parameters that no row depends on.
+        is_visible: which parameters are visible.
+        scale: sizes of all parameters.
+        basis: of the whole null space, invisible parameters included, in units of the scales.
     """
 
     rank: int

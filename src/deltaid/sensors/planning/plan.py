@@ -190,8 +190,8 @@ def sensor_plan(
             planned = motion_of_file(model, dynamics, motion, mapping)
         gain_spread = _gain_spread(goal, settings)
         entries = unknowns(dynamics.robot, settings.prior_spread, gain_spread)
-        noise = settings.torque_noise
-        recorded = PlannedRecording.with_noise(dynamics, planned, settings.rate, noise)
+        independent = settings.rate, settings.torque_noise
+        recorded = PlannedRecording.with_noise(dynamics, planned, *independent)
         torque = torque_rows(recorded)
         say("looking at what could be bought")
         likely, sure = described_rows(recorded)

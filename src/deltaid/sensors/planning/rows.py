@@ -34,10 +34,12 @@ Samples = Float[np.ndarray, "samples dof"]
 
 @dataclass(frozen=True, eq=False)
 class PlannedMotion:
-    """Attributes:
-    words: description of the motion, for tables and pages.
-    duration: of the recording [s].
-    z, qd, qdd: samples spread evenly over it.
+    """A motion that a plan is made for.
+
+    Attributes:
+        words: description of the motion, for tables and pages.
+        duration: of the recording [s].
+        z, qd, qdd: samples spread evenly over it.
     """
 
     words: str

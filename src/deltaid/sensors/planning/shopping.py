@@ -28,11 +28,13 @@ BODIES, FORCES, GAINS = "bodies", "forces", "gains"
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Attributes:
-    words: description, for tables and pages.
-    rows: G; forces have rows at several instants, which together count as one.
-    weight: of each row.
-    enough: ε.
+    """Combinations of the unknowns that a plan is to determine.
+
+    Attributes:
+        words: description, for tables and pages.
+        rows: G; forces have rows at several instants, which together count as one.
+        weight: of each row.
+        enough: ε.
     """
 
     words: str
