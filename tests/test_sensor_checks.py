@@ -239,4 +239,4 @@ def test_a_constant_is_no_part_of_how_shown_and_expected_go_together() -> None:
         def expected(self, theta: np.ndarray) -> np.ndarray:
             return theta[0] * (shape + 30.0)
 
-    assert object.__new__(Moved).along == pytest.approx(1.0)
+    assert object.__new__(Moved).correlation == pytest.approx(1.0)

@@ -125,7 +125,7 @@ def test_a_zero_alone_errs_as_a_sum_of_its_blocks() -> None:
     np.testing.assert_allclose(
         told.certainty([0]), abs(s.sum()) / np.sqrt(OF_ZEROS * s.var(ddof=1))
     )
-    np.testing.assert_allclose(told.gain([0]), s.sum() ** 2 / H / told.left)
+    np.testing.assert_allclose(told.gain([0]), s.sum() ** 2 / H / told.squares)
 
 
 def test_zeros_beside_each_other_err_together() -> None:

@@ -49,7 +49,7 @@ def scores() -> Shifts:
     # Of n blocks n s² / (n − k) is the variance of their sum, k the columns that are looked at.
     scores[:, 1] += signs[:, 1] * H * OF_ZERO * np.sqrt((BLOCKS - 1) / BLOCKS**2)
     scores[:, 3:5] += signs[:, 3:] * H * OF_TILT * np.sqrt((BLOCKS - 2) / BLOCKS**2)
-    return Shifts(H * np.eye(11), scores, left=0.1, rows=1000, drives=3, angles=2)
+    return Shifts(H * np.eye(11), scores, squares=0.1, rows=1000, drives=3, angles=2)
 
 
 def verdict(name: str = "clavel-delta3", unit: str = "rad", **which: bool) -> Verdict:

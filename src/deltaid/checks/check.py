@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,8 @@ from deltaid.estimation.information import Information, merge
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.progress import Watch, watched
-from deltaid.recording.mapping import FOUND, ColumnMappings, mapping_each
-from deltaid.recording.memory import RecordingLike, as_sources
+from deltaid.recording.mapping import FOUND, ColumnMapping, ColumnMappings, mapping_each
+from deltaid.recording.memory import Recording, RecordingLike, as_sources
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, described_in, yaml_text
 
@@ -74,15 +75,10 @@ def check(
             return Verdicts((verdict,))
         sources = as_sources(logs)
         judged = of_robot(description, recorded=bool(sources))
-        mappings, fitting = mapping_each(columns, len(sources)), settings_of(settings, options)
-        places, several = zip(sources, mappings, strict=True), len(sources) > 1
-        records = [evidence(description, *place, fitting) for place in places]
+        several, fitting = len(sources) > 1, settings_of(settings, options)
+        records, mappings = _opened(description, sources, columns, fitting)
         if several:
             say("checking the columns of all recordings")
-        mappings = [
-            record.mapping if record.mapping.source == FOUND else mapping
-            for record, mapping in zip(records, mappings, strict=True)
-        ]
         common, on_columns = checked_wirings(records)
         informations, strokes, of_logs = list[Information](), list[np.ndarray](), list[Verdict]()
         for record, wiring in zip(records, on_columns, strict=True):
@@ -103,6 +99,24 @@ def check(
             say("checking what they determine together")
             of_logs += judged_information(compiled(description), merge(informations), strokes)
         return Verdicts((*judged, *common, *of_logs), description, sources, mappings)
+
+
+def _opened(
+    robot: RobotDescription,
+    sources: Sequence[Path | Recording],
+    columns: ColumnMappings,
+    settings: Settings,
+) -> tuple[list[Evidence], list[ColumnMapping | None]]:
+    """Recordings, and their mappings as given or found."""
+    given = mapping_each(columns, len(sources))
+    records = [
+        evidence(robot, source, mapping, settings)
+        for source, mapping in zip(sources, given, strict=True)
+    ]
+    return records, [
+        record.mapping if record.mapping.source == FOUND else mapping
+        for record, mapping in zip(records, given, strict=True)
+    ]
 
 
 def _in_metres(robot: RobotLike) -> Verdict | None:

@@ -232,8 +232,8 @@ def _is_zero_significant(
         return False
     likeliest = max(bare.causes, key=bare.gain)
     value, _ = bare.estimate(likeliest)
-    instead = bare.left * (1.0 - bare.gain(likeliest))
-    chance = bare.rows * np.log(max(instead, 1e-300) / max(fitted.left, 1e-300))
+    instead = bare.squares * (1.0 - bare.gain(likeliest))
+    chance = bare.rows * np.log(max(instead, 1e-300) / max(fitted.squares, 1e-300))
     return bool(np.linalg.norm(value) < BY_EYE and chance < _CERTAIN)
 
 

@@ -164,7 +164,7 @@ class Misfit:
         return min(1.0, float(np.sqrt(max(shares))))
 
     @property
-    def along(self) -> float:
+    def correlation(self) -> float:
         """Correlation of the signal with the one expected from torques, without means."""
         expected = self.expected(self.by_torques)
         expected -= expected.sum(axis=1, keepdims=True) / self.counts * self.samples

@@ -101,18 +101,18 @@ def _contradiction(misfit: Misfit, sensors: Sequence[Misfit], as_mapped: MapFit)
         return None if _is_allowed(guess, described) else verdict_of(guess, misfit, rest)
     if as_mapped.Q < _CONTRADICTS:
         return None
-    along, line = misfit.along, f"by the line `sensors: {{{name}: null}}` of a mapping"
-    if along < UNRELATED:
+    correlation, line = misfit.correlation, f"by the line `sensors: {{{name}: null}}` of a mapping"
+    if correlation < UNRELATED:
         return Verdict(
             "sensor-dead",
             Grade.WRONG,
             f"{name} does not follow the robot: its correlation with what torques expect is "
-            f"{along:.2g}",
+            f"{correlation:.2g}",
             name,
             "a sensor that is not connected or not loaded, or a column of something else",
             "check by name which signal the column holds, or leave the sensor out of this "
             f"recording {line}",
-            number=along,
+            number=correlation,
         )
     return Verdict(
         "sensor-residual",

@@ -66,7 +66,7 @@ class Consistent:
     """The fit of a consistent robot."""
 
     score: float  # log likelihood plus log prior
-    left: float  # residual share of the torques, the same for each drive
+    unexplained: float  # share of the torques, the same for each drive
     distance: float  # d² to the prior; below about 10 where bodies are as described
 
 
@@ -102,7 +102,7 @@ class WiringHypothesis:
         return self.columns @ self.gains
 
     @cached_property
-    def left_by_any(self) -> Float[np.ndarray, "drives drives"]:
+    def residual_products(self) -> Float[np.ndarray, "drives drives"]:
         """S: with free parameters, the gains u leave the residual uᵀS u."""
         rest = self.residual.span.without(self.columns)
         return rest.T @ rest
@@ -142,22 +142,24 @@ class WiringHypothesis:
         return best
 
     @property
-    def left(self) -> float:
+    def unexplained(self) -> float:
         """Residual share of the torques, raised by samples whose loops do not close."""
-        return (1 + 3 * (1 - self.residual.share)) * self.fit.left
+        return (1 + 3 * (1 - self.residual.share)) * self.fit.unexplained
 
     @cached_property
     def loose(self) -> Bool[np.ndarray, " drives"]:
         """Drives with an undetermined gain: their residual correlates with no other's. Limbs that
         share a platform correlate by 0.5 at least, a telescope's drive by 0.1 at most."""
-        S = self.left_by_any
+        S = self.residual_products
         size = np.sqrt(np.maximum(np.diag(S), np.finfo(float).tiny))
         return (np.abs(S / np.outer(size, size)) - np.eye(len(S))).max(axis=0) < UNRELATED
 
     @property
-    def along(self) -> Float[np.ndarray, " drives"]:
+    def correlations(self) -> Float[np.ndarray, " drives"]:
         """Correlation of each drive's torque with that of the prior."""
-        return np.sign(self.gains) * self.residual.along[np.arange(len(self.order)), self.order]
+        return (
+            np.sign(self.gains) * self.residual.correlations[np.arange(len(self.order)), self.order]
+        )
 
     @property
     def closes(self) -> bool:
@@ -166,19 +168,21 @@ class WiringHypothesis:
     @property
     def clear(self) -> bool:
         """Whether units need no search."""
-        near = self._goes_along(ALONG, ALONG_LOOSE) and self.fit.distance < _CERTAIN
-        return near and self.closes and self.left < LITTLE
+        near = self._correlates(ALONG, ALONG_LOOSE) and self.fit.distance < _CERTAIN
+        return near and self.closes and self.unexplained < LITTLE
 
     @property
     def sensible(self) -> bool:
         """Whether torques correlate with the motion at all; for a loose drive the prior determines
         the sign."""
         along, largest = _SENSIBLE_SCALED if self.map.scaled else SENSIBLE
-        return self._goes_along(along, 0.0) and self.left < largest
+        return self._correlates(along, 0.0) and self.unexplained < largest
 
-    def _goes_along(self, tied: float, loose: float) -> bool:
+    def _correlates(self, tied: float, loose: float) -> bool:
         """Whether each moving drive's torque correlates enough with that of the prior."""
-        return bool(np.all((self.along > np.where(self.loose, loose, tied))[~self.residual.still]))
+        return bool(
+            np.all((self.correlations > np.where(self.loose, loose, tied))[~self.residual.still])
+        )
 
     @property
     def changes(self) -> int:
@@ -196,7 +200,7 @@ class WiringHypothesis:
 
     def beats(self, as_mapped: "WiringHypothesis") -> bool:
         """Whether its residual rules out the columns as mapped."""
-        doubted = as_mapped.left < 2 * self.left
+        doubted = as_mapped.unexplained < 2 * self.unexplained
         return self is as_mapped or not (doubted or as_mapped.as_likely_as(self))
 
     def as_likely_as(self, best: "WiringHypothesis") -> bool:
@@ -272,10 +276,10 @@ def _far_gains(residual: MapResidual) -> WiringHypothesis | None:
     if len(tied) < 2:
         return None
     squares = np.sum(as_is.columns[:, tied] ** 2, axis=0)
-    values, vectors = eigh(as_is.left_by_any[np.ix_(tied, tied)], np.diag(squares))
+    values, vectors = eigh(as_is.residual_products[np.ix_(tied, tied)], np.diag(squares))
     if values[1] < UNIT**2 * max(values[0], 0.0):
         return None
-    u = vectors[:, 0] * np.sign(np.sum(vectors[:, 0] * as_is.along[tied]))
+    u = vectors[:, 0] * np.sign(np.sum(vectors[:, 0] * as_is.correlations[tied]))
     u = u / np.median(np.abs(u))
     far = (np.abs(u) > UNIT) | (np.abs(u) < 1 / UNIT)
     gains[tied] = np.where(far, u, np.sign(u))

@@ -78,13 +78,13 @@ def _scaled(log: RemappedRecording, drives: list[int], factor: float) -> Verdict
             changes["torque"] = {i: change("torque", best.order[i], ratio) for i in drives}
     return Verdict(
         "gear" if name is None else "angle-unit",
-        Grade.WRONG if best.left < LITTLE else Grade.DOUBTFUL,
+        Grade.WRONG if best.unexplained < LITTLE else Grade.DOUBTFUL,
         f"positions of {whose} make sense only times {factor:.3g}: the loops then close, which "
         f"{log.fits}",
         log.whose(drives),
         f"positions of {whose} are {cause}",
         cure,
-        record.proposal(changes) if best.left < LITTLE else (),
+        record.proposal(changes) if best.unexplained < LITTLE else (),
         number=factor,
     )
 
@@ -133,7 +133,7 @@ def _angle_sign(
 
 def _torque_sign(log: RemappedRecording, drives: list[int], *, sure: bool = True) -> Verdict:
     order, whose, record = log.best.order, log.all_or(drives), log.evidence
-    against = float(-log.best.along[drives].min())
+    against = float(-log.best.correlations[drives].min())
     changes: Values = {i: record.turned("torque", order[i]) for i in drives} if sure else {}
     instead = "" if sure else f", or the angle does; {_UNDECIDED}"
     return Verdict(

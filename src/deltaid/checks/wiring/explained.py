@@ -54,15 +54,19 @@ class RemappedRecording:
         return self.evidence.robot.drives
 
     @property
-    def along(self) -> float:
+    def least_correlation(self) -> float:
         """Least correlation of a moving drive's torque with that of the prior."""
-        return float(self.best.along[~self.best.residual.still].min(initial=1.0))
+        return float(self.best.correlations[~self.best.residual.still].min(initial=1.0))
 
     @property
     def unrelated(self) -> bool:
         """Whether no drive's torque goes with its motion, whatever the robot's masses."""
-        most = float(self.best.along[~self.best.residual.still].max(initial=-1.0))
-        return self.best.left > SENSIBLE[1] and self.along < SENSIBLE[0] and most < ALONG
+        most = float(self.best.correlations[~self.best.residual.still].max(initial=-1.0))
+        return (
+            self.best.unexplained > SENSIBLE[1]
+            and self.least_correlation < SENSIBLE[0]
+            and most < ALONG
+        )
 
     @cached_property
     def ratios(self) -> Float[np.ndarray, "drives components"]:
@@ -88,7 +92,7 @@ class RemappedRecording:
         """Drives that no limb ties to others; a telescope's if its torque follows the prior's."""
         last, robot = len(self.names) - 1, self.evidence.robot
         turns = robot.telescope is not None and self.best.loose[last]
-        return [last] if last == 0 or (turns and self.best.along[last] > ALONG_LOOSE) else []
+        return [last] if last == 0 or (turns and self.best.correlations[last] > ALONG_LOOSE) else []
 
     @cached_property
     def units(self) -> dict[int, float]:
@@ -129,7 +133,7 @@ class RemappedRecording:
 
     @property
     def fits(self) -> str:
-        return f"leaves {percent(self.best.left)} of the torques unexplained"
+        return f"leaves {percent(self.best.unexplained)} of the torques unexplained"
 
     def of_motors(self, factor: float) -> bool:
         """Whether torques are too small by the gear that positions are too large by."""

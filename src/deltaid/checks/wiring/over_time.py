@@ -55,7 +55,7 @@ class _Course:
     def step(self) -> float:
         return float(self.time[1] - self.time[0])
 
-    def along(self, lag: int) -> OfDrives:
+    def correlations(self, lag: int) -> OfDrives:
         """Correlations with the prior's torques if recorded ones are this many samples late."""
         n = len(self.time)
         f = self.prior[:, max(0, -lag) : n - max(0, lag)]
@@ -148,10 +148,10 @@ def _magnitudes(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
 
 
 def _joined(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
-    if log.best.left < _EXPLAINED:
+    if log.best.unexplained < _EXPLAINED:
         return
     half = len(course.time) // 2
-    along = np.array([course.along(lag) for lag in range(-half, half + 1)])
+    along = np.array([course.correlations(lag) for lag in range(-half, half + 1)])
     mean = along.mean(axis=1)
     k = int(np.argmax(mean[1:-1])) + 1
     before, peak, after = mean[k - 1 : k + 2].tolist()

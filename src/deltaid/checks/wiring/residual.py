@@ -262,7 +262,7 @@ class MapResidual:
         return Span.of_columns(self.Y)
 
     @cached_property
-    def along(self) -> Float[np.ndarray, "dof dof"]:
+    def correlations(self) -> Float[np.ndarray, "dof dof"]:
         """Correlation of drive i's torque at the prior with column j."""
         expected = self.rows.of_drives(self.Y @ self.prior)
         sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(self.tau, axis=0))

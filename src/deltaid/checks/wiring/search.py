@@ -82,7 +82,7 @@ def _searched(
         if not trials or trials[0].evidence - as_is < as_good(len(trials[0].residual.Y)):
             return None
     trials = _ranked(trials)
-    if not trials or trials[0].left > LITTLE or trials[0].map.scaled:
+    if not trials or trials[0].unexplained > LITTLE or trials[0].map.scaled:
         trials = _ranked([*trials, *_of_motors(dynamics, coarse)])
         if trials and trials[0].map.scaled:
             trials = _ranked([*trials, _narrowed(dynamics, coarse, trials[0], _FINE)])

@@ -81,7 +81,7 @@ def checked_wirings(
         if all(_goes_with_others(joint[k], judged[k]) for k in shown):
             judged |= joint
             sensible = [log for log in joint.values() if log.good]
-            clearest = min(sensible, key=lambda log: log.best.left)
+            clearest = min(sensible, key=lambda log: log.best.unexplained)
             common = column_verdicts(clearest)
     each = [
         (*_other_drives(record), *verdicts)
@@ -93,7 +93,11 @@ def checked_wirings(
 
 def _goes_with_others(joint: RemappedRecording, alone: RemappedRecording) -> bool:
     """Whether columns as all recordings share them best make sense in one that does so alone."""
-    return not joint.good or joint.along >= SENSIBLE[0] or alone.along < SENSIBLE[0]
+    return (
+        not joint.good
+        or joint.least_correlation >= SENSIBLE[0]
+        or alone.least_correlation < SENSIBLE[0]
+    )
 
 
 def _refuse_rest(records: Sequence[Evidence]) -> None:
@@ -155,36 +159,40 @@ def _of_recording(
     if not log.good:
         return (_out_of_reach(log.evidence),)
     verdicts = list(column_verdicts(log) if common is None else common)
-    senseless = log.unrelated or log.best.left > SENSIBLE[1] or log.along < UNRELATED
+    senseless = (
+        log.unrelated or log.best.unexplained > SENSIBLE[1] or log.least_correlation < UNRELATED
+    )
     if log.best.closes and not verdicts:
         verdicts += _upside_down(log) or ([_senseless(log)] if senseless else [])
     verdicts += zero_verdicts(log) if worst(verdicts) is not Grade.WRONG else ()
     verdicts += velocity_verdicts(log)
     if worst(verdicts) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
         seen = (
-            f"the loops close, torques go with the motion of their drives ({log.along:.2g} is the "
-            f"least correlation with those of the prior) and are {overall(log.ratios):.2g} times "
-            "those"
+            "the loops close, torques go with the motion of their drives "
+            f"({log.least_correlation:.2g} is the least correlation with those of the prior) and "
+            f"are {overall(log.ratios):.2g} times those"
         )
-        verdicts.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=log.along))
+        verdicts.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=log.least_correlation))
     return tuple(verdicts[len(common or ()) :])
 
 
 def _upside_down(log: RemappedRecording) -> list[Verdict]:
     """A verdict where torques go with gravity that is opposite to the described one."""
     robot, gravity = log.evidence.robot, [0.0 - g for g in log.evidence.robot.gravity]
-    if log.along >= SENSIBLE[0]:
+    if log.least_correlation >= SENSIBLE[0]:
         return []
     turned = compiled(robot.changed(gravity=tuple(gravity)))
     again = residual(turned, log.motion, log.best.map)
-    along = replace(log, good=(replace(log.best, residual=again),)).along if again else -1.0
+    along = (
+        replace(log, good=(replace(log.best, residual=again),)).least_correlation if again else -1.0
+    )
     if along < SENSIBLE[0]:
         return []
     verdict = Verdict(
         "homing-or-tilt",
         Grade.WRONG,
         f"torques go with gravity in the opposite direction: {along:.2g} is then their least "
-        f"correlation with the prior's, and {log.along:.2g} as described",
+        f"correlation with the prior's, and {log.least_correlation:.2g} as described",
         cause="gravity in the description has the wrong sign, or the robot is mounted the other "
         "way up",
         cure="describe gravity as it acts in the robot's frame",
@@ -204,18 +212,19 @@ def _senseless(log: RemappedRecording) -> Verdict:
             cause="they are of another recording, at other rows than the positions, or no torques",
             cure="check by name which signals the torque columns hold, and that positions and "
             "torques are of one run",
-            number=log.along,
+            number=log.least_correlation,
         )
-    i = int(np.argmin(np.where(log.best.residual.still, 1.0, log.best.along)))
+    i = int(np.argmin(np.where(log.best.residual.still, 1.0, log.best.correlations)))
     return Verdict(
         "drive-order",
         Grade.CANNOT_TELL,
         f"the torque of {log.names[i]} hardly goes with its motion: its correlation with the "
-        f"prior's is {log.best.along[i]:.2g}, and no unit, sign or order explains the torques",
+        f"prior's is {log.best.correlations[i]:.2g}, and no unit, sign or order explains the "
+        "torques",
         subject=log.names[i],
         cause="the columns are of other signals, the drive hardly moves, or the prior is far off",
         cure="check by name which signals the torque columns hold",
-        number=float(log.best.along[i]),
+        number=float(log.best.correlations[i]),
     )
 
 

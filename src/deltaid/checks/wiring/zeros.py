@@ -53,7 +53,7 @@ class Shifts:
 
     H: Float[np.ndarray, "columns columns"]  # products of columns, parameters projected out
     scores: Float[np.ndarray, "blocks columns"]
-    left: float  # sum of squares without the columns, parameters projected out
+    squares: float  # sum of squares without the columns, parameters projected out
     rows: int  # of that sum
     drives: int
     angles: int  # of gravity, 2 or 0
@@ -154,7 +154,7 @@ class Shifts:
     def gain(self, chosen: list[int]) -> float:
         """Share of the residual that these columns explain."""
         H, s = self.H[np.ix_(chosen, chosen)], self.scores[:, chosen].sum(axis=0)
-        return float(s @ np.linalg.pinv(H, rcond=NEGLIGIBLE, hermitian=True) @ s / self.left)
+        return float(s @ np.linalg.pinv(H, rcond=NEGLIGIBLE, hermitian=True) @ s / self.squares)
 
 
 def shifts(dynamics: Dynamics, motion: FilteredMotion, best: WiringHypothesis) -> Shifts:

@@ -90,7 +90,7 @@ def by_bodies(dynamics: Dynamics, noise: Float[np.ndarray, " dof"], samples: flo
         planned = planned_along(dynamics, motion, INSTANTS, "", motion.period)
         recorded = PlannedRecording(dynamics, planned, samples / INSTANTS, noise)
         known = entries.after(torque_rows(recorded), described_rows(recorded)[0])
-        return goal(BODIES, entries, recorded, EXACT).left(known)
+        return goal(BODIES, entries, recorded, EXACT).uncertainty(known)
 
     return judge
 

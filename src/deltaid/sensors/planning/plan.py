@@ -258,7 +258,7 @@ class _Outlooks:
             cost=cost,
             shares=known.std * self.entries.spread,
             goal=self.aim.std(known),
-            gain=self.aim.left(before) - self.aim.left(known),
+            gain=self.aim.uncertainty(before) - self.aim.uncertainty(known),
         )
 
     def after(self, together: Sequence[Use]) -> Outlook:

@@ -42,7 +42,7 @@ class Goal:
     weight: float
     enough: float
 
-    def left(self, known: Knowledge) -> float:
+    def uncertainty(self, known: Knowledge) -> float:
         """½ log det(I + G Cov Gᵀ/ε²) [nats]."""
         return known.log_det(np.sqrt(self.weight) / self.enough * self.rows)
 
@@ -134,9 +134,11 @@ def shopping(
     while len(steps) < most:
         left = [use for use in rows if owned.get(use.group, use.offer) == use.offer]
         costs = [use.work + (0.0 if use.group in owned else use.price) for use in left]
-        before = goal.left(known)
+        before = goal.uncertainty(known)
         possible = [
-            PurchaseStep(use, cost, spent + cost, before - goal.left(known.and_rows(rows[use])))
+            PurchaseStep(
+                use, cost, spent + cost, before - goal.uncertainty(known.and_rows(rows[use]))
+            )
             for use, cost in zip(left, costs, strict=True)
             if budget is None or spent + cost <= budget
         ]
