@@ -55,21 +55,12 @@ class _Course:
     def step(self) -> float:
         return float(self.time[1] - self.time[0])
 
-    def correlations(self, lag: int) -> OfDrives:
-        """Correlations with the prior's torques if recorded ones are this many samples late."""
-        n = len(self.time)
-        f = self.prior[:, max(0, -lag) : n - max(0, lag)]
-        return _gain(f, self.recorded[:, self._shared(lag)])[1]
-
-    def as_recorded(self, lag: int) -> OfDrives:
-        """Correlations without a lag over the same torques: in undisturbed rows, torques of a
-        repeated motion also correlate a period later."""
-        rows = self._shared(lag)
-        return _gain(self.prior[:, rows], self.recorded[:, rows])[1]
-
-    def _shared(self, lag: int) -> slice:
-        """Torques whose positions are in the recording if they are this many samples late."""
-        return slice(max(0, lag), len(self.time) + min(0, lag))
+    def correlations(self, late: int, shift: int) -> OfDrives:
+        """Correlations with the prior's torques, shifted by so many samples, of those torques whose
+        positions are in the recording if torques come `late`."""
+        first, last = max(0, late), len(self.time) + min(0, late)
+        prior = self.prior[:, first - shift : last - shift]
+        return _gain(prior, self.recorded[:, first:last])[1]
 
 
 def over_time_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
@@ -151,15 +142,16 @@ def _joined(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     if log.best.unexplained < _EXPLAINED:
         return
     half = len(course.time) // 2
-    along = np.array([course.correlations(lag) for lag in range(-half, half + 1)])
+    along = np.array([course.correlations(lag, lag) for lag in range(-half, half + 1)])
     mean = along.mean(axis=1)
     k = int(np.argmax(mean[1:-1])) + 1
     before, peak, after = mean[k - 1 : k + 2].tolist()
     place = k - half + 0.5 * (before - after) / min(before - 2 * peak + after, -_TINY)  # a parabola
     late, least = place * course.step, along[k].min()
-    without = max(float(course.as_recorded(k - half).mean()), float(mean[half]))
+    # In undisturbed rows, torques of a repeated motion also correlate a period later.
+    without = max(float(course.correlations(k - half, 0).mean()), float(mean[half]))
     if without > ALONG:
-        return  # torques of a repeated motion correlate a period later as well
+        return
     if abs(late) < _DELAY or least < SENSIBLE[0] or 1 - peak**2 > _CLEARER * (1 - without**2):
         return
     count = round(late / log.evidence.rows.step)
