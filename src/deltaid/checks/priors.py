@@ -5,13 +5,12 @@ import re
 import numpy as np
 
 from deltaid.checks.evidence import WRONG_SCALE
-from deltaid.dynamics.parameters import parameter_layout, stated_spreads
+from deltaid.dynamics.parameters import prior_deviations, prior_parameters
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, graded
 from deltaid.recording.survey_checks import FACTOR
 from deltaid.robot.body import ExplicitInertia, HollowCylinder, PointMass
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
-from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.weighings import Weighing, weighings
 
 # Largest and least density [kg/m³]: osmium has 22,600, foam some 30.
@@ -137,11 +136,8 @@ def size_of(robot: RobotDescription) -> float:
 
 def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
     """A verdict on each impossible measured value, or one that all agree with the prior."""
-    rows, stated = weighings(robot), stated_spreads(robot)
-    parameters = parameter_layout(robot).parameters
-    prior = np.array([entry.prior for entry in parameters])
-    std = np.array([stated.get(entry.name, PRIOR_SPREAD) * entry.scale for entry in parameters])
-    poor = list[Verdict]()
+    rows, poor = weighings(robot), list[Verdict]()
+    prior, std = prior_parameters(robot), prior_deviations(robot)
     for row in rows:
         expected = float(row.coefficients @ prior)
         error, ratio = abs(row.value - expected), row.value / expected if expected else np.inf

@@ -17,7 +17,7 @@ from deltaid.robot.body import Entry, ExplicitInertia, Prior, reduced_prior
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, POSITIVE_NAMES, consistency
 from deltaid.robot.load import RobotLike, catalogue, described, holds_a_model, parse, read_text
-from deltaid.robot.parameter import ADDED, ParameterKind, PriorParameter
+from deltaid.robot.parameter import ADDED, PRIOR_SPREAD, ParameterKind, PriorParameter
 
 
 def _places(kind: ParameterKind, symbol: str | None = None) -> "cached_property[slice]":
@@ -136,6 +136,12 @@ def stated_spreads(robot: RobotDescription) -> dict[str, float]:
         elif own is not None:
             spreads |= {f"{name}.{symbol}": own for symbol in INERTIA_NAMES}
     return spreads
+
+
+def prior_deviations(robot: RobotDescription) -> Float[np.ndarray, " parameters"]:
+    """Prior standard deviations of p, stated or usual."""
+    stated, parameters = stated_spreads(robot), parameter_layout(robot).parameters
+    return np.array([stated.get(entry.name, PRIOR_SPREAD) * entry.scale for entry in parameters])
 
 
 def inertia_scale(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import block_diag
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.dynamics.parameters import stated_spreads
+from deltaid.dynamics.parameters import prior_deviations, prior_parameters
 from deltaid.estimation.information import Information, entries_at, triangle
 from deltaid.estimation.problem import LinearProblem
 from deltaid.levels import EXACT
@@ -27,7 +27,6 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.time.signals import interpolate
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.body import ZERO_UNLESS_FREE
-from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 
@@ -259,10 +258,7 @@ def _by_torques(dynamics: Dynamics, sparse: Values, tau: Values) -> LinearProble
     counted = np.full(dynamics.dof, float(samples))
     torques = Information(np.arange(count), triangles, counted, largest)
     robot, layout = dynamics.robot, dynamics.layout
-    stated = stated_spreads(robot)
-    prior = np.array([entry.prior for entry in layout.parameters])
-    scale = np.array([entry.scale for entry in layout.parameters])
-    std = scale * [stated.get(name, PRIOR_SPREAD) for name in layout.names]
+    prior, std = prior_parameters(robot), prior_deviations(robot)
     for k, entry in enumerate(layout.parameters[: layout.coefficients.start]):
         free, symbol = robot.bodies[entry.owner].free, entry.symbol.replace("I", "S")
         if not free or (symbol in ZERO_UNLESS_FREE and symbol not in free):
