@@ -18,7 +18,6 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import norm
 
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.readings import Instrument
@@ -32,6 +31,7 @@ from deltaid.calibration.rows import (
 )
 from deltaid.calibration.unknowns import Unknowns
 from deltaid.errors import IdentificationError, KinematicsError
+from deltaid.estimation.scatter import ROBUST
 from deltaid.levels import CERTAIN, FAINT, ROUNDS
 from deltaid.model.verdict import percent
 from deltaid.sensors.planning.knowledge import Knowledge
@@ -282,7 +282,7 @@ def _outliers(residuals: Residuals, used: Used, *, robust: bool, every: bool = F
     """Readings that noise (if robust, the spread of the used ones) does not explain and that are at
     least half as far off as the worst; no more than may be excluded, unless `every`."""
     size = np.where(used, np.abs(residuals).max(axis=1), 0.0)
-    spread = float(np.median(np.abs(residuals[used])) / norm.ppf(0.75)) if robust else 0.0
+    spread = float(ROBUST * np.median(np.abs(residuals[used]))) if robust else 0.0
     spared = len(used) if every else int(used.sum() - np.ceil((1 - LITTLE) * len(used)))
     among = np.argsort(np.argsort(-size)) < spared
     return among & (size > max(CERTAIN * max(1.0, spread), 0.5 * size.max(initial=0.0)))
