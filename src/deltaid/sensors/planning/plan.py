@@ -277,15 +277,15 @@ def _find(names: Sequence[str], possible: Sequence[Use], offers: Offers) -> list
     """
     by_name = {use.name: use for use in possible}
     missing = [name for name in names if name not in by_name]
-    if missing and tuple(names) in offers.combinations:
+    if not missing:
+        return [by_name[name] for name in names]
+    if tuple(names) in offers.combinations:
         return []
-    if missing:
-        raise DeltaidError(
-            f"there is nothing called '{missing[0]}' to be done on this robot",
-            where="--combine",
-            cure=f"choose from {', '.join(by_name)}",
-        )
-    return [by_name[name] for name in names]
+    raise DeltaidError(
+        f"there is nothing called '{missing[0]}' to be done on this robot",
+        where="--combine",
+        cure=f"choose from {', '.join(by_name)}",
+    )
 
 
 def _notes(entries: PlanUnknowns, aim: str, gain_spread: float) -> tuple[str, ...]:
