@@ -190,9 +190,8 @@ def sensor_plan(
             planned = motion_of_file(model, dynamics, motion, mapping)
         gain_spread = _gain_spread(goal, settings)
         entries = unknowns(dynamics.robot, settings.prior_spread, gain_spread)
-        independent = settings.rate, settings.torque_noise
-        recorded = PlannedRecording.with_noise(dynamics, planned, *independent)
-        torque = torque_rows(recorded)
+        rate, noise = settings.rate, settings.torque_noise
+        recorded = PlannedRecording.with_noise(dynamics, planned, rate, noise)
         say("looking at what could be bought")
         likely, sure = described_rows(recorded)
         try:
@@ -201,7 +200,7 @@ def sensor_plan(
             raise DescriptionError(
                 error.what, where=f"{place}{error.where}", cure=error.cure
             ) from None
-        aim = goal_called(goal, entries, recorded, settings.enough)
+        aim, torque = goal_called(goal, entries, recorded, settings.enough), torque_rows(recorded)
         alone = entries.after(torque)
         outlooks = _Outlooks(entries, aim, entries.after(torque, likely))
         by_torques = described = outlooks.of(TORQUES, TITLES[TORQUES], alone, alone)
