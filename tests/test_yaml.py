@@ -59,6 +59,32 @@ def test_other_types_are_refused(value: str) -> None:
     assert "line 3: has the tag tag:yaml.org,2002:" in refusal(text)
 
 
+@pytest.mark.parametrize(
+    ("model", "text", "fragment"),
+    [
+        (
+            RobotDescription,
+            replaced("struts_per_limb: 2", "struts_per_limb: true"),
+            "limbs.struts_per_limb: must be a number, not true",
+        ),
+        (
+            ColumnMapping,
+            "position: {column: q, unit: deg, sign: [-1, true, 1]}",
+            "line 1, position.sign.1: must be a number, not true",
+        ),
+        (ColumnMapping, "load:\n  always: 1", "line 2, load.always: must be true or false, not 1"),
+    ],
+)
+def test_booleans_are_no_numbers(model: type, text: str, fragment: str) -> None:
+    assert fragment in refusal(text, model)
+
+
+@pytest.mark.parametrize("value", [True, "5"])
+def test_changes_in_python_are_refused_as_in_a_file(value: object) -> None:
+    with pytest.raises(DescriptionError, match="platform_speed: must be a number"):
+        parse(CLAVEL, RobotDescription, where="").changed(platform_speed=value)
+
+
 STUMBLING_BLOCKS = [
     ("!!bool foo", "line 10: has the tag"),
     ("!!int ''", "line 10: has the tag"),

@@ -1,7 +1,7 @@
 """Sentences for pydantic's validation errors, with line and key of the YAML file."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ _REASONS = {
     "extra_forbidden": "unknown key",
     "float_type": "must be a number",
     "int_type": "must be a whole number",
+    "bool_type": "must be true or false",
     "string_type": "must be text; put it in quotes",
     "finite_number": "must be a finite number",
     "tuple_type": "must be a list",
@@ -66,6 +67,39 @@ def complaints(tree: Entry, error: ValidationError, model: type[BaseModel]) -> s
     texts = [str(c) for c in _join_unions([c for c in located if c.path not in outer])]
     more = f"; and {len(texts) - _MOST} more" if len(texts) > _MOST else ""
     return "; ".join(texts[:_MOST]) + more
+
+
+def require_kinds(values: Any, taken: Any) -> None:
+    """Refuse a boolean or a text that was taken as a number, and a number taken as a boolean.
+
+    Python and pydantic call `true` equal to 1, so a literal 1 accepts it.
+
+    Args:
+        values: keys and values as written.
+        taken: the model made from them.
+
+    Raises:
+        ValidationError: names the first such value.
+    """
+    for path, value, number in _confused(values, taken, ()):
+        kind = "bool_type" if isinstance(number, bool) else "float_type"
+        raise ValidationError.from_exception_data("", [{"type": kind, "loc": path, "input": value}])
+
+
+def _confused(
+    value: Any, taken: Any, path: tuple[int | str, ...]
+) -> Iterator[tuple[tuple[int | str, ...], Any, Any]]:
+    if isinstance(value, Mapping):
+        for key, entry in value.items():
+            inner = taken.get(key) if isinstance(taken, Mapping) else getattr(taken, key, None)
+            yield from _confused(entry, inner, (*path, key))
+    elif isinstance(value, list | tuple) and isinstance(taken, list | tuple):
+        for k, (entry, inner) in enumerate(zip(value, taken, strict=False)):
+            yield from _confused(entry, inner, (*path, k))
+    elif isinstance(value, int | float | str) and isinstance(taken, int | float):
+        as_text = isinstance(value, str)
+        if as_text or isinstance(value, bool) != isinstance(taken, bool):
+            yield path, value, taken
 
 
 def _join_unions(located: list[_Complaint]) -> list[_Complaint]:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from deltaid.errors import DescriptionError, nearest, quoted
 from deltaid.files import written_whole
-from deltaid.robot.complaints import complaints
+from deltaid.robot.complaints import complaints, require_kinds
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.fitting_parts import open_limb
 from deltaid.robot.own import with_named_file
@@ -215,8 +215,11 @@ def parse(text: str, model: type[_Model], *, where: str, most: int = MOST_NODES)
     """
     kind = _KINDS.get(model.__name__, "robot")
     tree = _tree(text, where, most, kind)
+    values = plain(tree, where, most)
     try:
-        return model.model_validate_json(json.dumps(plain(tree, where, most)), strict=True)
+        parsed = model.model_validate_json(json.dumps(values), strict=True)
+        require_kinds(values, parsed)
+        return parsed
     except ValidationError as error:
         raise DescriptionError(
             complaints(tree, error, model),

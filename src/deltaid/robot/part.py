@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, NoReturn, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from deltaid.errors import DescriptionError
-from deltaid.robot.complaints import complaints
+from deltaid.robot.complaints import complaints, require_kinds
 from deltaid.robot.yaml_tree import Entry, Value
 from deltaid.shown import Named
 
@@ -49,6 +49,7 @@ class Part(Named, BaseModel):
         """
         try:
             super().__init__(**values)
+            require_kinds(values, self)
         except ValidationError as error:
             raise _refusal(error, values, type(self), type(self).__name__) from None
 
@@ -77,7 +78,9 @@ class Part(Named, BaseModel):
                 cure="use text, numbers, lists and dictionaries",
             ) from None
         try:
-            return cls.model_validate_json(text, strict=True)
+            part = cls.model_validate_json(text, strict=True)
+            require_kinds(json.loads(text), part)
+            return part
         except ValidationError as error:
             raise _refusal(error, json.loads(text), cls, where) from None
 
@@ -90,6 +93,7 @@ class Part(Named, BaseModel):
         values = {key: getattr(self, key) for key in self.model_fields_set} | updates
         try:
             copy = type(self).model_validate(values)
+            require_kinds(updates, copy)
         except ValidationError as error:
             raise _refusal(error, values, type(self), type(self).__name__) from None
         copy.__pydantic_private__ = self.__pydantic_private__
