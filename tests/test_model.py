@@ -2,7 +2,9 @@
 
 import json
 import math
+import re
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,6 +58,33 @@ def test_name_robot_file_and_model_file(folder: Path) -> None:
     assert deltaid.load(model) is model
     assert deltaid.load(model.identified).p.tolist() == model.p.tolist()
     assert deltaid.load(model.robot).source == NAME
+
+
+@pytest.mark.parametrize(
+    ("pattern", "new", "message"),
+    [
+        (r"(?ms)^parameters:.*?(?=^base_parameters)", "", "line 1, parameters: is missing"),
+        (r"(?ms)^parameters:.*?(?=^base_parameters)", "parameters: []\n", "parameters: "),
+        (r"unit: kg$", "unit: g", r"line \d+, parameters\.0\.unit: is g, but U\.m is in kg"),
+        (r"\n# deltaid-sha256.*|unit: kg$", "", r"line \d+, parameters\.0\.unit: is missing"),
+        (r"name: U\.m$", "name: U.mcx", "parameters: are not those of the robot, in its order"),
+    ],
+)
+@pytest.mark.parametrize("reader", [deltaid.load, deltaid.Dynamics, deltaid.load_robot])
+def test_a_damaged_model_file_is_no_description(
+    folder: Path, tmp_path: Path, pattern: str, new: str, message: str, reader: Callable
+) -> None:
+    text = (folder / "model.yaml").read_text(encoding="utf-8")
+    damaged = re.sub(pattern, new, text, count=1, flags=re.M)
+    assert damaged != text
+    path = tmp_path / "model.yaml"
+    path.write_text(damaged, encoding="utf-8")
+    if reader is deltaid.load_robot and "\nparameters:\n" in damaged:
+        assert reader(path).name == NAME  # reads the robot alone
+        return
+    with pytest.raises(DescriptionError, match=message) as refused:
+        reader(path)
+    assert "take back what `deltaid identify` wrote" in str(refused.value)
 
 
 def test_functions_take_names_files_and_values(folder: Path) -> None:

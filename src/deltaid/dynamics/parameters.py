@@ -2,21 +2,29 @@
 the regressor, and the parameters of a robot or model."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel
+from pydantic import BaseModel, model_validator
 
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.errors import DescriptionError
 from deltaid.robot.body import Entry, ExplicitInertia, Prior, reduced_prior
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import INERTIA_NAMES, INERTIA_UNITS, POSITIVE_NAMES, consistency
-from deltaid.robot.load import RobotLike, catalogue, described, holds_a_model, parse, read_text
+from deltaid.robot.load import (
+    ModelFile,
+    RobotLike,
+    catalogue,
+    described,
+    holds_a_model,
+    parse,
+    read_text,
+)
 from deltaid.robot.parameter import ADDED, PRIOR_SPREAD, ParameterKind, PriorParameter
 
 
@@ -67,6 +75,18 @@ class ParameterLayout:
         """Slice of the entries of one body."""
         start = 10 * self.bodies.index(name)
         return slice(start, start + 10)
+
+    def require_units(self, written: Sequence[tuple[str, str]]) -> None:
+        """Refuse names and units of a model file that are not those of the parameters.
+
+        Raises:
+            ValueError: names the first other one.
+        """
+        if tuple(name for name, _ in written) != self.names:
+            raise ValueError("parameters are not those of the robot, in its order")
+        for k, ((name, unit), expected) in enumerate(zip(written, self.units, strict=True)):
+            if unit != expected:
+                raise ValueError(f"parameters.{k}.unit is {unit}, but {name} is in {expected}")
 
     @cached_property
     def added(self) -> int:
@@ -202,13 +222,22 @@ Parameters = Float[np.ndarray, " parameters"]
 class _Value(BaseModel):
     """A parameter of a model file, reduced to its value."""
 
+    name: str
+    unit: str
     value: float
 
 
-class _Values(BaseModel):
-    """A model file, reduced to its parameters."""
+class ValuesFile(ModelFile):
+    """A model file, reduced to its robot and its parameters."""
 
     parameters: tuple[_Value, ...]
+
+    @model_validator(mode="after")
+    def _check(self) -> "ValuesFile":
+        parameter_layout(self.robot).require_units(
+            [(value.name, value.unit) for value in self.parameters]
+        )
+        return self
 
 
 def known_parameters(robot: RobotLike) -> Float[np.ndarray, " parameters"] | None:
@@ -227,5 +256,5 @@ def known_parameters(robot: RobotLike) -> Float[np.ndarray, " parameters"] | Non
     text = read_text(Path(robot))
     if not holds_a_model(text):
         return None
-    values = parse(text, _Values, where=str(robot))
+    values = parse(text, ValuesFile, where=str(robot))
     return np.array([parameter.value for parameter in values.parameters])

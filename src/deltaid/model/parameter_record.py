@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.errors import unknown
+from deltaid.robot.inertia import INERTIA_UNITS
 from deltaid.robot.part import Coordinate, Part, Positive
 
 
@@ -106,6 +107,13 @@ class HeldLoad(Part):
     def mass(self) -> Parameter:
         """Mass of the load [kg]."""
         return self.parameters[0]
+
+    @model_validator(mode="after")
+    def _check(self) -> "HeldLoad":
+        for k, (entry, unit) in enumerate(zip(self.parameters, INERTIA_UNITS, strict=True)):
+            if entry.unit != unit:
+                raise ValueError(f"parameters.{k}.unit is {entry.unit}, but it is in {unit}")
+        return self
 
 
 class BaseParameter(Part):

@@ -261,9 +261,7 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
 
     @model_validator(mode="after")
     def _check(self) -> "IdentifiedModel":
-        names = tuple(parameter.name for parameter in self.parameters)
-        if names != self.layout.names:
-            raise ValueError("parameters are not those of the robot, in its order")
+        self.layout.require_units([(entry.name, entry.unit) for entry in self.parameters])
         drives = len(self.robot.drives)
         counted = {f"fit.{name}": getattr(self.fit, name) for name in _OF_DRIVES}
         if (seen := self.verification) is not None:
@@ -271,7 +269,8 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         for name, numbers in counted.items():
             if len(numbers) != drives:
                 raise ValueError(f"{name} must have one number a drive, that is {drives}")
-        if self.posterior is not None and (strange := self.posterior.names - set(names)):
+        known = set(self.layout.names)
+        if self.posterior is not None and (strange := self.posterior.names - known):
             raise ValueError(f"posterior names {min(strange)}, which is no parameter of the robot")
         worst, margin = least_margin(self.layout, self.p)
         if margin <= 0:

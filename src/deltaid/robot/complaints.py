@@ -144,7 +144,7 @@ def _at_named_key(place: Entry, complaint: _Complaint) -> _Complaint:
     first, _, rest = complaint.reason.partition(" ")
     path = first.split(".")
     for key in path:
-        entry = child(place.value, key)
+        entry = child(place.value, int(key) if key.isdecimal() else key)
         if entry is None:
             return complaint
         place = entry

@@ -6,9 +6,9 @@ import re
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Annotated, Any, Protocol, TypeVar, runtime_checkable
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from deltaid.errors import DescriptionError, nearest, quoted
 from deltaid.files import written_whole
@@ -25,18 +25,24 @@ _CATALOGUE = resources.files("deltaid.robot") / "catalogue"
 # Largest file [bytes]. A model file has about 15 kB; much larger ones are logs, whose parsing as
 # YAML takes minutes.
 LARGEST_FILE = 1 << 20
-# Top-level key that every model file has and no robot file has.
-_OF_MODELS = re.compile(r"^[\"']?parameters[\"']?\s*:", re.MULTILINE)
+# Top-level keys that every model file has and no robot file has.
+_OF_MODELS = re.compile(r"^[\"']?(?:robot|parameters)[\"']?\s*:", re.MULTILINE)
 # Names of the schema (`deltaid schema KIND`) of models other than robots.
 _KINDS = {
     "ColumnMapping": "columns",
     "IdentifiedModel": "model",
+    "ModelFile": "model",
+    "ValuesFile": "model",
     "Offers": "sensors",
     "Manifest": "fleet",
     "Measurements": "measurements",
 }
 
-
+# Fixes of an invalid file by its kind.
+_CURES = {
+    "model": "take back what `deltaid identify` wrote; the keys of a robot's own description stand "
+    "at the top level, without `robot:`; "
+}
 # Fixes of an empty file by its kind.
 _STARTS = {
     "columns": "`deltaid columns` writes a mapping",
@@ -106,10 +112,11 @@ def require_name(robot: object) -> None:
         )
 
 
-class _ModelFile(BaseModel):
-    """Model file of which only the robot is read."""
+class ModelFile(BaseModel):
+    """Model file, of which only the robot is read."""
 
     robot: RobotDescription
+    parameters: Annotated[tuple[Any, ...], Field(min_length=1)]
 
 
 def load_robot(robot: str | Path) -> RobotDescription:
@@ -125,7 +132,7 @@ def load_robot(robot: str | Path) -> RobotDescription:
         raise _unknown(str(robot))
     text = read_text(Path(robot))
     if holds_a_model(text):
-        return bound(parse(text, _ModelFile, where=str(robot)).robot, str(robot))
+        return bound(parse(text, ModelFile, where=str(robot)).robot, str(robot))
     return described_in(text, str(robot))
 
 
@@ -139,7 +146,7 @@ def described_in(text: str, where: str) -> RobotDescription:
 
 
 def holds_a_model(text: str) -> bool:
-    """Whether YAML text is that of a model file, which has the key `parameters`."""
+    """Whether YAML text is that of a model file, which has the key `robot` or `parameters`."""
     return bool(_OF_MODELS.search(text))
 
 
@@ -224,8 +231,8 @@ def parse(text: str, model: type[_Model], *, where: str, most: int = MOST_NODES)
         raise DescriptionError(
             complaints(tree, error, model),
             where=where,
-            cure=f"`deltaid schema {kind}` prints the JSON Schema that editors complete and check "
-            "with",
+            cure=f"{_CURES.get(kind, '')}`deltaid schema {kind}` prints the JSON Schema that "
+            "editors complete and check with",
         ) from None
 
 
