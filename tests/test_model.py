@@ -87,6 +87,14 @@ def test_a_damaged_model_file_is_no_description(
     assert "take back what `deltaid identify` wrote" in str(refused.value)
 
 
+def test_a_base_parameter_in_another_unit_is_refused(folder: Path, tmp_path: Path) -> None:
+    head, key, rest = (folder / "model.yaml").read_text(encoding="utf-8").partition("\nbase_par")
+    path = tmp_path / "model.yaml"
+    path.write_text(head + key + rest.replace("unit: kg m\n", "unit: g m\n", 1), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"base_parameters\.\d+\.unit: is g m, but U"):
+        deltaid.load(path)
+
+
 def test_functions_take_names_files_and_values(folder: Path) -> None:
     model = deltaid.load(folder / "model.yaml")
     for source in (NAME, folder / "robot.yaml", folder / "model.yaml", model, model.dynamics):

@@ -76,7 +76,7 @@ class ParameterLayout:
         start = 10 * self.bodies.index(name)
         return slice(start, start + 10)
 
-    def require_units(self, written: Sequence[tuple[str, str]]) -> None:
+    def require_entries(self, written: Sequence[tuple[str, str]]) -> None:
         """Refuse names and units of a model file that are not those of the parameters.
 
         Raises:
@@ -84,9 +84,18 @@ class ParameterLayout:
         """
         if tuple(name for name, _ in written) != self.names:
             raise ValueError("parameters are not those of the robot, in its order")
-        for k, ((name, unit), expected) in enumerate(zip(written, self.units, strict=True)):
-            if unit != expected:
-                raise ValueError(f"parameters.{k}.unit is {unit}, but {name} is in {expected}")
+        self.require_units("parameters", written)
+
+    def require_units(self, key: str, written: Sequence[tuple[str, str]]) -> None:
+        """Refuse a unit of a model file's entry that is not that of the parameter it names.
+
+        Raises:
+            ValueError: names the first other one.
+        """
+        units = dict(zip(self.names, self.units, strict=True))
+        for k, (name, unit) in enumerate(written):
+            if unit != units.get(name, unit):
+                raise ValueError(f"{key}.{k}.unit is {unit}, but {name} is in {units[name]}")
 
     @cached_property
     def added(self) -> int:
@@ -234,7 +243,7 @@ class ValuesFile(ModelFile):
 
     @model_validator(mode="after")
     def _check(self) -> "ValuesFile":
-        parameter_layout(self.robot).require_units(
+        parameter_layout(self.robot).require_entries(
             [(value.name, value.unit) for value in self.parameters]
         )
         return self

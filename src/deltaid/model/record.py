@@ -261,7 +261,9 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
 
     @model_validator(mode="after")
     def _check(self) -> "IdentifiedModel":
-        self.layout.require_units([(entry.name, entry.unit) for entry in self.parameters])
+        self.layout.require_entries([(entry.name, entry.unit) for entry in self.parameters])
+        base = [(entry.representative, entry.unit) for entry in self.base_parameters]
+        self.layout.require_units("base_parameters", base)
         drives = len(self.robot.drives)
         counted = {f"fit.{name}": getattr(self.fit, name) for name in _OF_DRIVES}
         if (seen := self.verification) is not None:

@@ -40,8 +40,8 @@ _KINDS = {
 
 # Fixes of an invalid file by its kind.
 _CURES = {
-    "model": "take back what `deltaid identify` wrote; the keys of a robot's own description stand "
-    "at the top level, without `robot:`; "
+    "model": "take back what `deltaid identify` wrote, or if it is a robot's own description, give "
+    "its keys without `robot:`; "
 }
 # Fixes of an empty file by its kind.
 _STARTS = {
