@@ -9,8 +9,9 @@ from deltaid.dynamics.dynamics import compiled, compiled_as
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.dynamics.task_dynamics import friction_impulses
-from deltaid.errors import KinematicsError
+from deltaid.errors import DeltaidError, DescriptionError, KinematicsError
 from deltaid.kernel.batch import BatchKernel
+from deltaid.motion.fourier import FourierMotion
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction, Stribeck
@@ -237,3 +238,25 @@ def test_who_falls_until_a_limb_is_stretched_ends_there_and_the_others_go_on() -
     assert not ended[0]
     assert np.all(np.diff(ended.astype(int)) >= 0)
     assert np.isfinite(path.z[:, 1]).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("solver", ["integrate", "step_through"])
+def test_what_is_not_finite_is_named(solver: str, value: float) -> None:
+    forward, p, z = started("clavel-delta3")
+    p = np.where(["coulomb" in name for name in forward.layout.names], 0.0, p)
+    wrong, span = np.array([[0.0, value, 0.0]]), np.linspace(0, 0.01, 3)
+
+    def run(p: np.ndarray, z: np.ndarray, zd: np.ndarray, tau: np.ndarray) -> None:
+        if solver == "integrate":
+            integrate(forward, p, z, zd, span, lambda t, q, qd: tau)
+        else:
+            step_through(forward, p, z, zd, 0.01, lambda t, q, qd: tau)
+
+    for state, name in (((z, wrong, 0 * z), "zd"), ((z, 0 * z, wrong), "tau")):
+        with pytest.raises(KinematicsError, match=rf"{name}\[0, 1\]: is {value:g}, not a finite"):
+            run(p, *state)
+    with pytest.raises(DescriptionError, match=rf"p\[3\]: is {value:g}, but .* must be a finite"):
+        run(np.where(np.arange(len(p)) == 3, value, p), z, 0 * z, 0 * z)
+    with pytest.raises(DeltaidError, match=rf"sine\[1, 0\]: is {value:g}, not a finite"):
+        FourierMotion(1.0, z[0], wrong.T, np.zeros((3, 1)))

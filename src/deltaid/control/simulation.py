@@ -19,7 +19,7 @@ from deltaid.errors import DeltaidError, KinematicsError, within
 from deltaid.levels import ROUNDING
 from deltaid.mechanism.forward import CLOSED
 from deltaid.mechanism.kinematics import Samples
-from deltaid.mechanism.one_or_many import as_rows, real_numbers
+from deltaid.mechanism.one_or_many import as_rows, real_numbers, require_finite
 from deltaid.shown import Shown
 
 # Torques as a function of time and the drives' q and q̇, one state a row.
@@ -68,10 +68,11 @@ def integrate(
 
     Raises:
         DeltaidError: friction jumps at rest with these parameters.
-        KinematicsError: a limb becomes stretched, at the time in the message; or states have a
-            wrong shape.
+        KinematicsError: a limb becomes stretched, at the time in the message; or states or torques
+            have a wrong shape or are not finite.
+        DescriptionError: p is not finite.
     """
-    z, zd = as_rows(forward.dof, z=z, zd=zd)
+    z, zd = _states(forward, p, z, zd)
     time = real_numbers(time, "time").astype(float)
     if not forward.is_smooth(p):
         raise DeltaidError(
@@ -83,8 +84,8 @@ def integrate(
 
     def rate(t: float, x: np.ndarray) -> np.ndarray:
         z, zd = x.reshape(shape)
-        tau = torque(t, *forward.drive_motion(z, zd))
-        return np.concatenate([zd.ravel(), forward.acceleration(z, zd, tau, p).ravel()])
+        tau = _applied(torque, t, *forward.drive_motion(z, zd))
+        return np.concatenate([zd.ravel(), forward.task_acceleration(z, zd, tau, p).ravel()])
 
     def margin(t: float, x: np.ndarray) -> float:
         return float(np.nan_to_num(forward.reach(x.reshape(shape)[0]), nan=-1.0).min()) - CLOSED
@@ -121,22 +122,45 @@ def step_through(
     are NaN once a limb becomes stretched; other rows continue.
 
     Raises:
-        KinematicsError: states have a wrong shape.
+        KinematicsError: states or torques have a wrong shape or are not finite.
+        DescriptionError: p is not finite.
     """
-    z, zd = as_rows(forward.dof, z=z, zd=zd)
+    z, zd = _states(forward, p, z, zd)
     within("duration", duration, (0.0, math.inf))
     samples, (substeps, h) = round(duration * rate), time_steps(rate)
     _, qd = forward.drive_motion(z, zd)
     path = np.empty((2, samples + 1, *z.shape))
     path[:, 0] = z, qd
     for k in range(samples):
-        tau = torque(k / rate, forward.drive_coordinates(z), qd)
+        tau = _applied(torque, k / rate, forward.drive_coordinates(z), qd)
         for _ in range(substeps):
             z, qd = forward.step(z, qd, tau, p, h)
         path[:, k + 1] = z, qd
     flat = path.reshape(2, -1, z.shape[1])
     velocity = forward.task_velocity(flat[0], flat[1]).reshape(path.shape[1:])
     return StatePath(np.arange(samples + 1) / rate, path[0], velocity)
+
+
+def _states(
+    forward: ForwardDynamics, p: Parameters, z: Samples, zd: Samples
+) -> tuple[Samples, ...]:
+    """Initial states with one a row, of a motion with parameters p.
+
+    Raises:
+        KinematicsError: they have a wrong shape, or are not finite.
+        DescriptionError: p is not finite.
+    """
+    forward.layout.require_finite(p)
+    z, zd = as_rows(forward.dof, z=z, zd=zd)
+    require_finite(z=z, zd=zd)
+    return z, zd
+
+
+def _applied(torque: Torque, time: float, q: Samples, qd: Samples) -> Samples:
+    """Torques of a user's function, finite wherever the state is."""
+    q, tau = as_rows(q.shape[1], q=q, tau=torque(time, q, qd))
+    require_finite(q=np.hstack([q, qd]), tau=tau)
+    return tau
 
 
 def time_steps(rate: float, longest: float = LONGEST_STEP) -> tuple[int, float]:

@@ -123,7 +123,8 @@ class WithParameters(Shown):
         """The given parameters, or the default ones.
 
         Raises:
-            DescriptionError: their number is not that of the robot's parameters.
+            DescriptionError: their number is not that of the robot's parameters, or one is not
+                finite.
         """
         if p is None:
             return self.p
@@ -135,6 +136,7 @@ class WithParameters(Shown):
                 where=self.robot.name,
                 cure=cure,
             )
+        self.layout.require_finite(p)
         return p
 
 

@@ -60,7 +60,11 @@ class ForwardDynamics(WithParameters, Plotted):
 
         The friction of a joint at rest is only its offset: sign(0) = 0, as in inverse dynamics.
         """
-        return self._acceleration_kernel.rows(z, zd, tau, uniform=self._parameters(p))[0]
+        return self.task_acceleration(z, zd, tau, self._parameters(p))
+
+    def task_acceleration(self, z: Samples, zd: Samples, tau: Samples, p: Parameters) -> Samples:
+        """The same for rows; NaN where a state is, as in the steps of a solver that go too far."""
+        return self._acceleration_kernel.rows(z, zd, tau, uniform=p)[0]
 
     @one_or_many("q", "qd", "tau")
     def drive_acceleration(

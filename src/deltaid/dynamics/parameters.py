@@ -1,6 +1,7 @@
 """The parameter vector p = [bodies, friction, springs, rotors], whose entries are the columns of
 the regressor, and the parameters of a robot or model."""
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -75,6 +76,21 @@ class ParameterLayout:
         """Slice of the entries of one body."""
         start = 10 * self.bodies.index(name)
         return slice(start, start + 10)
+
+    def require_finite(self, p: Float[np.ndarray, " parameters"]) -> None:
+        """Refuse parameters that are not all finite.
+
+        Raises:
+            DescriptionError: names the first other one.
+        """
+        if math.isfinite(np.vdot(p, p)):
+            return
+        for k in np.flatnonzero(~np.isfinite(p))[:1]:
+            raise DescriptionError(
+                f"is {p[k]:g}, but {self.names[k]} must be a finite number",
+                where=f"p[{k}]",
+                cure="take p of a model, or of prior_parameters",
+            )
 
     def require_entries(self, written: Sequence[tuple[str, str]]) -> None:
         """Refuse names and units of a model file that are not those of the parameters.

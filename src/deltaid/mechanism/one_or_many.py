@@ -2,6 +2,7 @@
 one."""
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, ParamSpec, TypeVar
@@ -49,7 +50,8 @@ def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
 
     Raises:
         KinematicsError: an argument, which is named, is no vector or matrix, has not one column for
-            each of the robot's drives, or has another number of rows than the first.
+            each of the robot's drives, has another number of rows than the first, or is not finite
+            where the pose is.
     """
 
     def decorate(method: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -60,6 +62,7 @@ def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
             arrays = {name: _array(value, self.dof, name) for name, value in given.items()}
             rows = {name: np.atleast_2d(array) for name, array in arrays.items()}
             _require_alike(rows)
+            require_finite(**rows)
             ordered = [*(rows[name] for name in first), *arguments[len(first) :]]
             named = {name: rows.get(name, value) for name, value in keywords.items()}
             out = method(self, *ordered, **named)  # pyright: ignore[reportCallIssue]
@@ -123,6 +126,37 @@ def _require_alike(given: dict[str, np.ndarray]) -> None:
                 where=name,
                 cure="give one row a sample in each of them",
             )
+
+
+# Arguments that are poses. They are NaN out of reach, and so is all that follows from them.
+_POSES = ("z", "q")
+
+
+def require_finite(**given: np.ndarray) -> None:
+    """Refuse a speed, acceleration or torque that is not finite at a pose that is.
+
+    Raises:
+        KinematicsError: names the argument with the place of its first such number.
+    """
+    for name, rows in given.items():
+        if name in _POSES or _is_finite(rows):
+            continue
+        there = np.ones((len(rows), 1), dtype=bool)
+        for pose in given.keys() & _POSES:
+            there &= np.isfinite(given[pose]).all(axis=1, keepdims=True)
+        wrong = ~np.isfinite(rows) & there
+        for sample, drive in np.argwhere(wrong)[:1]:
+            raise KinematicsError(
+                f"is {rows[sample, drive]:g}, not a finite number",
+                where=f"{name}[{sample}, {drive}]",
+                cure="cut off the samples without a number, or fill them in",
+            )
+
+
+def _is_finite(rows: np.ndarray) -> bool:
+    if len(rows) == 1:  # half the time; for many samples it would start BLAS's threads
+        return math.isfinite(np.vdot(rows, rows))
+    return bool(np.isfinite(rows).all())
 
 
 def _first(out: Any) -> Any:

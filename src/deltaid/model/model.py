@@ -58,7 +58,8 @@ class Model(Shown, Plotted, Tabled, Reported):
         altered: changes of the parameters since, in words.
 
     Raises:
-        DescriptionError: the parameters do not match the robot, or a body with them is impossible.
+        DescriptionError: the parameters do not match the robot or are not finite, or a body with
+            them is impossible.
     """
 
     robot: RobotDescription
@@ -77,12 +78,9 @@ class Model(Shown, Plotted, Tabled, Reported):
                 where=where,
                 cure="give one for each name in model.layout.names, in that order",
             )
-        for name in self.layout.bodies:
-            body = self.body(name)
-            reason = "its parameters are not all finite"
-            if np.all(np.isfinite(body)):  # plates and lines are allowed
-                reason = RigidBody(body).with_thickness().why_inconsistent
-            if reason:
+        self.layout.require_finite(self.p)
+        for name in self.layout.bodies:  # plates and lines are allowed
+            if reason := RigidBody(self.body(name)).with_thickness().why_inconsistent:
                 raise DescriptionError(
                     f"body {name} cannot exist: {reason}",
                     where=where,

@@ -31,6 +31,11 @@ class FourierMotion(Shown):
         centre, sine, cosine = (
             real_numbers(getattr(self, name), name) for name in ("centre", "sine", "cosine")
         )
+        for name, array in (("centre", centre), ("sine", sine), ("cosine", cosine)):
+            for place in np.argwhere(~np.isfinite(array))[:1].tolist():
+                raise DeltaidError(
+                    f"is {array[tuple(place)]:g}, not a finite number", where=f"{name}{place}"
+                )
         positive("base_frequency", float(self.base_frequency))
         if sine.ndim != 2 or sine.shape != cosine.shape or centre.shape != sine.shape[:1]:
             raise DeltaidError(
