@@ -7,6 +7,7 @@ import pytest
 from deltaid.checks.check import of_robot
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.errors import DeltaidError, DescriptionError
+from deltaid.model.verdict import Grade
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue_text, load_robot, parse, yaml_text
 from deltaid.sensors.planning.offers import Offers
@@ -183,3 +184,24 @@ def test_lists_that_do_not_fit_the_robot_are_refused(
 def test_gains_that_are_known_are_no_goal() -> None:
     with pytest.raises(DeltaidError, match="no goal"):
         sensor_plan(DELTA, goal="gains", settings=PlanSettings(gain_spread=0.0))
+
+
+ROTORS = [
+    ("par4", 1e-2, None, ""),
+    ("par4", 30.0, Grade.DOUBTFUL, "kg cm², g cm² or g m²"),
+    ("par4", 1e3, Grade.WRONG, "kg cm², g cm² or g m²"),
+    ("par4", 1e-3, Grade.DOUBTFUL, "without its gear"),
+    ("linear-delta", 1e3, Grade.WRONG, "in grams"),
+    ("irb360-6-1600", 1e4, Grade.DOUBTFUL, "kg cm², g cm² or g m²"),  # only the tool turns it
+]
+
+
+@pytest.mark.parametrize(("name", "factor", "grade", "cause"), ROTORS)
+def test_rotors_in_another_unit(name: str, factor: float, grade: Grade | None, cause: str) -> None:
+    robot = load_robot(name)
+    rotors = {drive: factor * inertia for drive, inertia in robot.rotor_inertia.items()}
+    wrong = robot.changed(rotor_inertia=rotors)
+    poor = [verdict for verdict in of_robot(wrong, quick=True) if verdict.key == "prior-scale"]
+    assert [verdict.grade for verdict in poor] == [grade or Grade.GOOD]
+    assert cause in poor[0].cause
+    assert not grade or f"is {max(rotors.values()):.3g} kg" in poor[0].seen

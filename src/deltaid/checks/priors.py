@@ -1,12 +1,15 @@
 """Priors and measured values of bodies in the wrong unit, such as masses in grams."""
 
 import re
+from collections.abc import Iterator
 
+import casadi as ca
 import numpy as np
 
 from deltaid.checks.evidence import WRONG_SCALE
-from deltaid.dynamics.parameters import prior_deviations, prior_parameters
-from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, graded
+from deltaid.dynamics.dynamics import compiled
+from deltaid.dynamics.parameters import parameter_layout, prior_deviations, prior_parameters
+from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, graded, listed
 from deltaid.recording.survey_checks import FACTOR
 from deltaid.robot.body import ExplicitInertia, HollowCylinder, PointMass
 from deltaid.robot.description import RobotDescription
@@ -24,7 +27,17 @@ _OUTSIDE, _INSIDE = 1.5, 0.02
 # Distance from the prior in standard deviations beyond which a measured value that is also `FACTOR`
 # times larger is in another unit.
 _SPREADS = 30.0
+# Least and largest ratio of a rotor's inertia to that of the bodies that its drive moves, or to the
+# largest of all drives. A gear that accelerates fastest makes both equal, and the ratio goes with
+# the square of the gear: twice this gear is doubtful, ten times is wrong. Direct drives that are
+# strong enough to hold a robot have some per cent of its inertia, so a thousandth is doubtful.
+_IDLE_ROTOR, _LARGE_ROTOR, _WRONG_ROTOR = 1e-3, 2.0**2, 10.0**2
 _UNITS = {"kg": "grams", "kg m²": "kg mm², kg cm² or g m²"}
+_AT_JOINT = {
+    False: "give it in kg m² at the joint: the motor's inertia times the square of the gear ratio; "
+    "1 kg cm² is 1e-4 kg m², 1 g cm² is 1e-7 kg m²",
+    True: "give it in kg at the rail: inertia of motor and spindle or pulley times (2π / lead)²",
+}
 _MASS = Fault("prior-scale", "kg", "a mass in grams")
 _EXTENT = Fault(
     "prior-scale",
@@ -33,6 +46,7 @@ _EXTENT = Fault(
     "frame's origin",
 )
 _MEASURED = Fault("measured-scale")
+_ROTOR = Fault("prior-scale", "of the robot's inertia")
 
 
 def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
@@ -122,6 +136,50 @@ def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> 
         cure="give kilograms" if alone else "give kilograms, and moments in kg m and kg m²",
         proposals=_proposed((path, mass / 1000)) if fits else (),
     )
+
+
+def checked_rotors(robot: RobotDescription) -> Iterator[Verdict]:
+    """Verdicts on rotors that do not go with the robot's bodies, whose priors must be good."""
+    if not robot.rotor_inertia:
+        return
+    moved, drives = _moved(robot), robot.rotor_drives
+    kinds = {drive: robot.is_linear(drive) for drive in robot.drives}
+    most = {drive: max(moved[d] for d in moved if kinds[d] == kinds[drive]) for drive in drives}
+    large = {drive: robot.rotor_inertia[drive] / most[drive] for drive in drives}
+    small = {drive: robot.rotor_inertia[drive] / moved[drive] for drive in drives}
+    if heavy := [drive for drive in drives if large[drive] > _LARGE_ROTOR]:
+        first = max(heavy, key=lambda drive: large[drive])
+        yield _ROTOR.judged(
+            f"{_rotor(robot, first)}, {large[first]:.3g} times what the robot has at a drive, "
+            f"{most[first]:.3g} {robot.units(first).inertia}",
+            listed(heavy),
+            large[first],
+            grade=graded(large[first], _LARGE_ROTOR, _WRONG_ROTOR),
+            cause="a mass in grams" if kinds[first] else "an inertia in kg cm², g cm² or g m²",
+            cure=_AT_JOINT[kinds[first]],
+        )
+    if light := [drive for drive in drives if small[drive] < _IDLE_ROTOR]:
+        first = min(light, key=lambda drive: small[drive])
+        yield _ROTOR.judged(
+            f"{_rotor(robot, first)}, {small[first]:.2g} times what the drive moves, "
+            f"{moved[first]:.3g} {robot.units(first).inertia}",
+            listed(light),
+            small[first],
+            cause="the motor's inertia as on its data sheet, without its gear",
+            cure=_AT_JOINT[kinds[first]],
+        )
+
+
+def _rotor(robot: RobotDescription, drive: str) -> str:
+    return f"rotor_inertia.{drive} is {robot.rotor_inertia[drive]:.3g} {robot.units(drive).inertia}"
+
+
+def _moved(robot: RobotDescription) -> dict[str, float]:
+    """Inertia of all bodies at each drive in the middle of the workspace [kg m² or kg]."""
+    e, p = compiled(robot).equations, prior_parameters(robot)
+    p[parameter_layout(robot).rotor] = 0.0
+    M = np.array(ca.Function("M", [e.z, e.p], [e.M])(robot.home, p))  # once: needs no kernel
+    return dict(zip(robot.drives, np.diag(M).tolist(), strict=True))
 
 
 def _proposed(*changes: tuple[str, float]) -> tuple[Proposal, ...]:
