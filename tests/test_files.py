@@ -250,3 +250,23 @@ def test_commands_refuse_names_that_no_file_can_have(
         given = {"NAME": tmp_path / name, "LOG": log}
         done = run(*(given.get(word, word) for word in words))
         assert done.code == 2, done.err
+
+
+@pytest.mark.parametrize("name", ["", " "])
+@pytest.mark.parametrize(
+    ("words", "before"),
+    [
+        (("gather", "clavel-delta3", "LOG", "-o", "NAME"), "-o ''"),
+        (("gather", "clavel-delta3", "LOG", "--output=NAME"), "--output ''"),
+        (("demo", "clavel-delta3", "--keep", "NAME"), "--keep ''"),
+        (("identify", "clavel-delta3", "NAME"), "clavel-delta3 ''"),
+        (("NAME",), "deltaid ''"),
+    ],
+)
+def test_an_empty_name_is_not_the_current_folder(
+    log: Path, words: tuple[str, ...], before: str, name: str
+) -> None:
+    done = run(*(word.replace("NAME", name).replace("LOG", str(log)) for word in words))
+    assert done.code == 2
+    assert done.err.startswith(f"error: {before}: nothing is given")
+    assert "variable of the shell" in done.err

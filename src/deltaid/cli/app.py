@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
 from inspect import cleandoc
 from io import TextIOWrapper
@@ -225,12 +225,30 @@ class _Refusal:
             raise self.error
 
 
+def _refuse_empty(words: Sequence[str]) -> None:
+    """Refuse an empty name: as a path it is the current folder, and as the value of an option that
+    takes a list it is none.
+
+    Raises:
+        DeltaidError: names the option, or what stands before the empty word.
+    """
+    for before, word in zip(["deltaid", *words], words, strict=False):
+        option, given, value = word.partition("=") if word.startswith("--") else (before, "=", word)
+        if given and not value.strip():
+            raise DeltaidError(
+                "nothing is given",
+                where=f"{option} ''",
+                cure="is a variable of the shell empty? give a name; . is this folder",
+            )
+
+
 def main() -> None:
     """Entry point. Exit code 0 when done, 2 when the user has something to fix."""
     _open_streams()
     try:
         _keep_to_address_space()
         with _cleaning_up(), _written_output():
+            _refuse_empty(sys.argv[1:])
             app(prog_name="deltaid")
     except DeltaidError as error:
         with suppress(OSError):  # the exit code is the same
