@@ -98,7 +98,7 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
     if (share := replay.share("stale rows")) > _STALE:
         yield Doubt(
             f"{percent(share)} of the rows repeat the one before them while the robot moves; these "
-            "are not used, and filters begin anew behind them",
+            "are skipped, as the motion goes on",
             cause="the logger did not keep up, or reads faster than values change",
             cure="record in the controller's own cycle",
             key="clock",

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from deltaid.errors import Doubt, RecordingError
 from deltaid.identification.sources import delays_of
@@ -46,6 +46,7 @@ class Cycles:
         qd: velocities; None where not recorded.
         tau: torques as the drives report them.
         gripper: its signal: −1 unknown, 0 empty, 1 holds.
+        elapsed: 0 for a row that is not new, −1 for others: the clock is even.
     """
 
     begins: bool
@@ -54,6 +55,7 @@ class Cycles:
     qd: Samples | None
     tau: Samples
     gripper: Float[np.ndarray, " samples"]
+    elapsed: Float[np.ndarray, " samples"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,13 +106,12 @@ class Replay:
 
     @cached_property
     def powerless(self) -> tuple[Mask, ...]:
-        """Rows whose torques did not move the robot: stale rows, and rows on brakes with the stop
-        before them."""
+        """Rows whose torques did not move the robot: on brakes, with the stop before them."""
         braked = [m for m in self.masks if m.reason == "on brakes" and m.end - m.start > _BRAKED]
         stops = [m for m in self.masks if m.reason == "emergency stop"]
         ahead = {mask.first - 1 for mask in braked}
         stops = [mask for mask in stops if mask.last in ahead]
-        return tuple(sorted((*braked, *stops, *_stale(self.masks)), key=lambda mask: mask.first))
+        return tuple(sorted((*braked, *stops), key=lambda mask: mask.first))
 
     def share(self, *reasons: Reason) -> float:
         """Share of rows that are masked for some reasons."""
@@ -119,16 +120,24 @@ class Replay:
         return float(np.max(1.0 - kept(masks, len(self.ends), self.log.samples)))
 
     def _cycles(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Cycles:
-        c, dof, around = self.log.columns, len(self.log.columns.torque), 0.5 / self.log.rate
+        c, dof = self.log.columns, len(self.log.columns.torque)
         time, extra = values[:, 0], values[:, c.extra_places]
         tau, gripper = values[:, c.torque_places].copy(), np.full(len(values), UNKNOWN)
         if c.loads:
             gripper = np.where(c.held(time, extra).any(axis=0), HOLDS, EMPTY)
-        spans = [(mask.start - around, mask.end + around) for mask in self.powerless]
-        if spans:
-            tau[np.searchsorted(joined_times(np.array(spans)).ravel(), time) % 2 == 1] = np.nan
+        tau[self._inside(self.powerless, time)] = np.nan
+        elapsed = np.where(self._inside(_stale(self.masks), time), 0.0, UNKNOWN)
         q, qd = values[:, 1 : 1 + dof], values[:, 1 + dof : 1 + 2 * dof]
-        return Cycles(begins, time, q, qd if self.has_velocity else None, tau, gripper)
+        return Cycles(begins, time, q, qd if self.has_velocity else None, tau, gripper, elapsed)
+
+    def _inside(
+        self, masks: tuple[Mask, ...], time: Float[np.ndarray, " samples"]
+    ) -> Bool[np.ndarray, " samples"]:
+        around = 0.5 / self.log.rate
+        spans = np.array([(mask.start - around, mask.end + around) for mask in masks])
+        if not masks:
+            return np.zeros(len(time), dtype=bool)
+        return np.searchsorted(joined_times(spans).ravel(), time) % 2 == 1
 
 
 def open_replay(

@@ -123,7 +123,7 @@ def watch(
             loads.close()
             touches.close()
         begin = time.process_time()
-        found = online.run(rows.q, rows.qd, rows.tau, rows.gripper)
+        found = online.run(rows.q, rows.qd, rows.tau, rows.gripper, rows.elapsed)
         seconds += time.process_time() - begin
         cycles += len(rows.time)
         bad += int(np.sum(~found.good))
