@@ -1,5 +1,6 @@
 """Recordings in memory: tables and arrays give what the same numbers in a file give."""
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import deltaid
 from deltaid.recording.memory import Recording, as_source, as_sources
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
+from deltaid.recording.row_sample import NO_ROWS, sampled, shared_rows
 from logs import arrays, names, recorded, refusal
 
 NAME = "clavel-delta3"
@@ -125,10 +127,31 @@ def test_a_copy_is_refused(frame: pl.DataFrame) -> None:
     same = Recording.from_arrays(**arrays(frame))
     message = refusal(open_recordings, [frame, same], KINEMATICS)
     assert message.startswith("arrays: is the same recording as table 1")
-    message = refusal(open_recordings, (frame.head(1200), frame, frame.clone()), KINEMATICS)
-    assert message.startswith("table 3: is the same recording as table 2")
     other = frame.with_columns(tau1=pl.col("tau1") + 1e-9)
+    message = refusal(open_recordings, (other, frame, frame.clone()), KINEMATICS)
+    assert message.startswith("table 3: is the same recording as table 2")
     assert len(open_recordings([frame, other], KINEMATICS)) == 2
+
+
+def test_a_part_of_another_recording_is_refused(frame: pl.DataFrame) -> None:
+    part = frame[600:1400].with_columns(t=pl.col("t") - 0.5)
+    for tables in ((frame, part), (part, frame)):
+        message = refusal(open_recordings, tables, KINEMATICS)
+        assert message.startswith("table 2: has the rows of table 1, 100 % of the shorter of both")
+
+
+def test_a_sample_shows_shared_rows_of_recordings_of_any_length() -> None:
+    rows = np.random.default_rng(5).standard_normal((50_000, 6))
+
+    def of(part: np.ndarray) -> np.ndarray:
+        return functools.reduce(sampled, np.array_split(part, 7), NO_ROWS)
+
+    long = of(rows[:40_000])
+    assert len(long) == len(of(rows)) < 2000
+    assert shared_rows(long, of(rows[20_000:])) == pytest.approx(2 / 3, abs=0.05)
+    assert shared_rows(of(rows[9000:9400]), long) == 1.0
+    assert shared_rows(long, of(rows[40_000:])) == 0.0
+    assert shared_rows(NO_ROWS, long) == 0.0
 
 
 SHAPES = {

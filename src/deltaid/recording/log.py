@@ -20,6 +20,7 @@ from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.masks import Mask, as_runs, left_out, within
 from deltaid.recording.masks.stuck import bridged
+from deltaid.recording.row_sample import RowSample
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import read_batches
 from deltaid.recording.time.clock import Clock
@@ -116,6 +117,7 @@ class Log(Shown):
         masks: rows that are excluded; none if all are kept.
         keep_all: whether nothing is excluded.
         warnings: doubts, with rows and columns.
+        sample: of the rows, to compare recordings.
         other_rate: how a time column contradicts the rate that the mapping states; else empty.
         kept: rows as they were read; None if they are too many.
         held: an excerpt that is read in place of all rows; None to read all.
@@ -137,6 +139,7 @@ class Log(Shown):
     masks: tuple[Mask, ...]
     keep_all: bool
     warnings: tuple[Doubt, ...]
+    sample: RowSample
     other_rate: str = ""
     kept: Excerpt | None = field(default=None, compare=False)
     held: Excerpt | None = field(default=None, compare=False)

@@ -111,6 +111,7 @@ def open_log(
         masks=masks,
         keep_all=keep_all,
         warnings=tuple(survey.warnings),
+        sample=survey.sample,
         other_rate=other_rate,
         kept=Excerpt(columns, tuple(kept), whole=True) if kept else None,
     )

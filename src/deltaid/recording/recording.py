@@ -21,12 +21,16 @@ from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.opening import open_log
 from deltaid.recording.repairs import Repairs, TorqueDrift, burden_of
+from deltaid.recording.row_sample import shared_rows
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
 from deltaid.recording.windows import WINDOW, Directions, Window, blocks, window_of
 from deltaid.shown import Shown
 
 _Result = TypeVar("_Result")
+# Share of rows of another recording from which one repeats it: rows at rest may agree by chance,
+# in all positions and torques to the last bit.
+_SHARED = 0.1
 # Number of own samples of a window, and the function that makes it.
 _WindowMaker = tuple[int, Callable[[], Window]]
 
@@ -201,9 +205,9 @@ def open_recordings(
         keep_all: whether no rows are excluded.
 
     Raises:
-        RecordingError: no recording is given, one cannot be used, or two are the same.
+        RecordingError: no recording is given, one cannot be used, or two have the same rows.
     """
-    sources, recordings = as_sources(logs), dict[str, PreparedRecording]()
+    sources, recordings = as_sources(logs), list[PreparedRecording]()
     if not sources:
         raise RecordingError(
             "no log was given", where="logs", cure="give at least one recording: a file or a table"
@@ -211,16 +215,24 @@ def open_recordings(
     for source, mapping in zip(sources, mapping_each(columns, len(sources)), strict=True):
         progress(f"checking {source}")
         log = open_log(source, kinematics, mapping, keep_all=keep_all)
-        if same := recordings.get(log.sha256):
-            # The same evidence would count twice.
-            raise RecordingError(
-                f"is the same recording as {same.path}; a copy adds nothing new, but would narrow "
-                "every interval",
-                where=str(log.path),
-                cure="give each recording once",
-            )
-        recordings[log.sha256] = with_filter(log, cutoff)
-    return list(recordings.values())
+        for other in recordings:
+            _require_other_rows(log, other.log)
+        recordings.append(with_filter(log, cutoff))
+    return recordings
+
+
+def _require_other_rows(log: Log, other: Log) -> None:
+    """Refuse a recording that has rows of another one: the same evidence would count twice."""
+    share = 1.0 if log.sha256 == other.sha256 else shared_rows(log.sample, other.sample)
+    if share < _SHARED:
+        return
+    what = f"has the rows of {other.path}, {100 * share:.0f} % of the shorter of both"
+    what = f"is the same recording as {other.path}" if log.sha256 == other.sha256 else what
+    raise RecordingError(
+        f"{what}; a copy adds nothing new, but would narrow every interval",
+        where=str(log.path),
+        cure="give each recording once",
+    )
 
 
 def _resting(log: Log) -> int:

@@ -11,6 +11,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.masks.search import LoadSearch, MaskSearch
 from deltaid.recording.reach import ReachCheck, Stretch
+from deltaid.recording.row_sample import NO_ROWS, sampled
 from deltaid.recording.source import BATCH_ROWS, LogTable
 from deltaid.recording.spectrum import SpectrumEstimate, spectrum_of
 from deltaid.recording.survey_checks import (
@@ -52,6 +53,7 @@ class Survey:
         efforts = [limit.effort or np.inf for limit in limits]
         self.search = MaskSearch(kinematics.dof, efforts) if columns.torque else None
         self.loads = LoadSearch(table, columns)
+        self.sample = NO_ROWS
 
     def begin_again(self) -> None:
         """Reset the checks that need evenly spaced samples."""
@@ -85,6 +87,8 @@ class Survey:
         if self.search is not None:
             self.search.add(values[:, : self.columns.torque_places.stop], self.clock.period)
         self.loads.add(values, row)
+        torques = values[:, self.columns.torque_places]
+        self.sample = sampled(self.sample, np.hstack([stretch.q, torques]))
         empty = np.isnan(values[:, self.columns.sensor_places])
         first = np.where(self.empty[0], self.empty[1], row + empty.argmax(axis=0))
         self.empty = np.array([self.empty[0] + np.count_nonzero(empty, axis=0), first])
