@@ -109,6 +109,7 @@ BAD_MAPPINGS = [
     ({"position": drives(unit="deg", gear=1e12), "torque": drives(unit="Nm")}, "declared 2 times"),
     ({"header_row": 2}, "row 2: has no header"),
     ({"header_row": 9999}, "row 9999: is an empty line"),
+    ({"header_row": 99999999999}, "row 99999999999: is an empty line"),
 ]
 
 

@@ -276,3 +276,28 @@ def test_a_fleet_without_recordings_says_so(tmp_path: Path) -> None:
     outcome = run("fleet", write(tmp_path / "fleet.yaml", text), "-o", tmp_path / "out")
     assert (outcome.code, outcome.errors) == (2, 1)
     assert "fleet.yaml: no robot could be fitted\n  → list recordings" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("pattern", "new", "message"),
+    [
+        (r"delay: \[.*?\]", "delay: [0, 0.1]", "sources.0.delay: must have one number"),
+        (r"delay: \[.*?\]", "delay: [0, 0, 9]", "sources.0.delay.2: must be less than or equal"),
+        ("corrections: .*", "corrections: [{kind: gain, subject: drive9, value: 1, text: x}]",
+         "corrections.0.subject: is no drive: drive9"),
+        ("corrections: .*", "corrections: [{kind: gain, subject: drive1, value: 0, text: x}]",
+         "corrections.0.value: must be positive"),
+        ("\neffects: .*", "\neffects: [{name: hose, values: [1]}]", "has the effect 'hose'"),
+        ("low: 0.*", "low: 1000", "low: is above high"),
+        ("rms: .*", "rms: [-1, 1, 1]", "fit.rms.0: must be greater than or equal to 0"),
+    ],
+)  # fmt: skip
+def test_records_that_no_identification_writes(
+    tmp_path: Path, pattern: str, new: str, message: str
+) -> None:
+    text = (identified(ROBOT).folder / "model.yaml").read_text(encoding="utf-8")
+    changed, count = re.subn(pattern, new, text, count=1)
+    assert count == 1
+    outcome = run("validate", write(tmp_path / "model.yaml", changed), identified(ROBOT).log)
+    assert outcome.code == 2
+    assert message in outcome.err

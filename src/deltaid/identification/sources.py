@@ -8,11 +8,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.effects.along_motion import as_fitted
+from deltaid.effects.along_motion import FittedTorques, as_fitted
 from deltaid.effects.windings import motors_of
+from deltaid.errors import DescriptionError, quoted
 from deltaid.identification.torque_error import TorqueError
-from deltaid.model.corrections import Event, LeftOut, Source, TimeSpan
+from deltaid.model.corrections import Event, FittedEffect, LeftOut, Source, TimeSpan
 from deltaid.model.model import Model, ModelLike, load
+from deltaid.model.verdict import listed
 from deltaid.recording.delay import LagGrowth
 from deltaid.recording.hold import holds
 from deltaid.recording.log import Log
@@ -107,9 +109,21 @@ def model_filtered(
         left_out=spans_left_out(same[0], model.robot.drives) if same else (),
         gears=gears,
         readings=identified.readings,
-        pulls=tuple(as_fitted(model.dynamics, effect) for effect in identified.effects),
+        pulls=tuple(_fitted(model, effect) for effect in identified.effects),
     )
     return replace(recording, repairs=repairs)
+
+
+def _fitted(model: Model, effect: FittedEffect) -> FittedTorques:
+    try:
+        return as_fitted(model.dynamics, effect)
+    except (StopIteration, ValueError):
+        raise DescriptionError(
+            f"has the effect '{quoted(effect.name)}' of {listed(effect.drives) or 'the platform'}, "
+            "which this deltaid does not know",
+            where=model.source,
+            cure="take back what `deltaid identify` wrote, or identify the model again",
+        ) from None
 
 
 def delays_of(model: Model, log: Log | None = None) -> Float[np.ndarray, " drives"]:

@@ -10,6 +10,7 @@ from deltaid.model.verdict import listed
 from deltaid.robot.part import Part
 
 Share = Annotated[float, Field(ge=0, le=1)]
+Delay = Annotated[float, Field(ge=-1, le=1)]
 
 
 class TimeSpan(Part):
@@ -68,7 +69,7 @@ class Source(Part):
     left_out: tuple[LeftOut, ...] = Field(
         default=(), description="what was excluded; missing in earlier files"
     )
-    delay: tuple[float, ...] = Field(
+    delay: tuple[Delay, ...] = Field(
         default=(), description="by how much torques of each drive are late [s]; empty: none"
     )
     filters: tuple[float, ...] = Field(

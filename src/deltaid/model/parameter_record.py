@@ -81,6 +81,12 @@ class Parameter(Part):
         description="what an interval by the data comes from; missing in earlier files",
     )
 
+    @model_validator(mode="after")
+    def _check(self) -> "Parameter":
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError("low is above high")
+        return self
+
     def moved(self, by: float) -> "Parameter":
         """The parameter shifted by a correction that was applied before the fit."""
         low, high = (None if end is None else end + by for end in (self.low, self.high))

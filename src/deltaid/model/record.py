@@ -31,7 +31,7 @@ from deltaid.recording.columns import Readings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.load import bound, parse, read_text
-from deltaid.robot.part import Part
+from deltaid.robot.part import NotNegative, Part
 from deltaid.robot.yaml_edit import yaml_text
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
@@ -77,9 +77,9 @@ class Fit(Part):
     base_parameters: int
     base_condition: float
     noise_level: float
-    rms: tuple[float, ...]
-    nrmse: tuple[float, ...]
-    rms_unfiltered: tuple[float, ...]
+    rms: tuple[NotNegative, ...]
+    nrmse: tuple[NotNegative, ...]
+    rms_unfiltered: tuple[NotNegative, ...]
 
 
 class Consistency(Part):
@@ -268,9 +268,19 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         counted = {f"fit.{name}": getattr(self.fit, name) for name in _OF_DRIVES}
         if (seen := self.verification) is not None:
             counted |= {"verification.rms": seen.rms, "verification.nrmse": seen.nrmse}
+        for k, source in enumerate(self.sources):  # empty: not corrected
+            several = {name: getattr(source, name) for name in ("delay", "filters", "drift")}
+            counted |= {f"sources.{k}.{name}": x for name, x in several.items() if x}
         for name, numbers in counted.items():
             if len(numbers) != drives:
                 raise ValueError(f"{name} must have one number a drive, that is {drives}")
+        for k, correction in enumerate(self.corrections):
+            if correction.kind != "gain" or correction.value is None:
+                continue
+            if correction.subject not in self.robot.drives:
+                raise ValueError(f"corrections.{k}.subject is no drive: {correction.subject}")
+            if correction.value <= 0:
+                raise ValueError(f"corrections.{k}.value must be positive: it is a gain")
         known = set(self.layout.names)
         if self.posterior is not None and (strange := self.posterior.names - known):
             raise ValueError(f"posterior names {min(strange)}, which is no parameter of the robot")

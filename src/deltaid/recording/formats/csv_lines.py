@@ -58,6 +58,8 @@ class HeadLines:
                     cure="export the log as CSV with a line break after every sample, or as "
                     "Parquet",
                 )
+            if not line:
+                return b""
             self._lines.append(line)
         return self._lines[row - 1]
 
