@@ -1,40 +1,34 @@
-"""The pages of `deltaid simulate` and `deltaid compare-controllers`, with tables and figures:
-errors of platform and drives, torques, controllers side by side."""
+"""The pages of `deltaid simulate` and `deltaid compare-controllers`, with cards and tables."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
 import polars as pl
-from jaxtyping import Float
 
 from deltaid.control.comparison import Comparison, ControllerRun
 from deltaid.control.infeasible import MotionProblem
 from deltaid.control.simulate import Simulation
 from deltaid.control.tracking import Drives, Tracking
-from deltaid.dynamics.limits import effort_limits
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
-from deltaid.view.comparison import POINTS, peak_rows
 from deltaid.view.numbers import number, percent
-from deltaid.view.page import Fact, Figure, Page, Section, Summary, Table, Text, Trust
+from deltaid.view.page import Fact, Page, Section, Summary, Table, Text, Trust
 from deltaid.view.show import Card
-
-NO_MODEL = "no model"
-# Colours by name of the model; other names are models with a known load.
-_COLOURS = {
-    "": style.LIMIT,
-    "prior": style.PRIOR,
-    "base parameters": style.MEASURED,
-    "identified": style.IDENTIFIED,
-}
+from deltaid.view.tracking_figures import (
+    NO_MODEL,
+    drive_figure,
+    drive_length,
+    error_bars,
+    error_figures,
+    model_colour,
+    torque_figure,
+)
 
 _NO_ROBOT = (
     "no robot with these limits runs this motion, so the comparison ranks no controller; take a "
     "slower or smaller one, such as `deltaid excite` plans"
 )
-
-Signal = Float[np.ndarray, " samples"]
 
 
 def comparison_page(
@@ -55,7 +49,7 @@ def comparison_page(
     for run in runs:
         if run.tracking is not None:
             lines.setdefault(run.controller, []).append(
-                (run.model or NO_MODEL, _COLOURS.get(run.model, style.RESIDUAL), run.tracking)
+                (run.model or NO_MODEL, model_colour(run.model), run.tracking)
             )
     verdict, best = _verdict(runs, problems)
     return Page(
@@ -89,13 +83,17 @@ def _verdict(
         return Summary(Trust.POOR, "Poor: no controller follows this motion.", lines), why
     run, tracking = min(sound, key=lambda pair: pair[1].error.platform_rms)
     model = {"": NO_MODEL, "base parameters": run.model}.get(run.model, f"the {run.model} model")
-    rms, most = (
-        f"{1e3 * x:.3g} mm" for x in (tracking.error.platform_rms, tracking.error.platform_max)
-    )
+    rms, most = _platform_errors(tracking)
     said = f"{run.controller} with {model} follows best, within {rms} (rms; {most} at most)"
     note = f"rms; {run.controller}, {run.model or NO_MODEL}"
     best = Fact("least error of the platform", rms, note)
     return Summary(Trust.GOOD, f"Good: {said}.", lines), best
+
+
+def _platform_errors(result: Tracking) -> tuple[str, str]:
+    """Root mean square and largest distance of the platform from the desired motion."""
+    error = result.error
+    return f"{1e3 * error.platform_rms:.3g} mm", f"{1e3 * error.platform_max:.3g} mm"
 
 
 def _sound(runs: Sequence[ControllerRun]) -> list[tuple[ControllerRun, Tracking]]:
@@ -131,7 +129,7 @@ def _conditions(drives: Drives, bandwidth: float, more: Sequence[str]) -> Text:
 def drive_table(robot: RobotDescription, result: Tracking) -> Table:
     error, rows = result.error, list[tuple[str, ...]]()
     for i, (drive, units) in enumerate(robot.drive_units.items()):
-        length, scale = shown_length(robot, drive)
+        length, scale = drive_length(robot, drive)
         off = (f"{number(scale * x[i], 3)} {length}" for x in (error.drive_rms, error.drive_max))
         tau = (f"{number(x[i], 3)} {units.force}" for x in (error.torque_rms, error.torque_max))
         rows.append((drive, *off, *tau, percent(float(error.saturated[i]))))
@@ -219,7 +217,7 @@ def simulation_page(value: Simulation | Comparison) -> Page:
             on.model.robot, value.runs, title, on.drives, on.bandwidth, problems, value.remarks
         )
     result, robot, error = value.tracking, on.plant.model.robot, value.tracking.error
-    rms, most = (f"{1e3 * x:.3g} mm" for x in (error.platform_rms, error.platform_max))
+    rms, most = _platform_errors(result)
     turn = f"{np.rad2deg(error.turn_rms or 0.0):.3g}°"
     said = (
         f"the platform follows within {rms} (rms; {most} at most), and no drive stands at a limit"
@@ -254,114 +252,3 @@ def _title(value: Simulation | Comparison) -> str:
     on = value.conditions
     what = f"{on.model.source} on {on.plant.model.source} along {on.path}"
     return what if isinstance(value, Comparison) else f"{value.controller} with {what}"
-
-
-def error_bars(runs: Sequence[ControllerRun]) -> Figure:
-    axis = {"type": "log", "title": "platform error, rms [mm]", "dtick": 1}
-    layout = {"yaxis": axis, "barmode": "group", "height": 420, "bargap": 0.25}
-    figure, models = go.Figure(layout=layout), dict[str, dict[str, float]]()
-    for run in runs:
-        errors = models.setdefault(run.model, {})
-        if run.tracking is not None:
-            errors[run.controller] = 1e3 * run.tracking.error.platform_rms
-    for model, errors in models.items():
-        figure.add_bar(
-            x=list(errors),
-            y=list(errors.values()),
-            name=model or NO_MODEL,
-            marker={"color": _COLOURS.get(model, style.RESIDUAL), "line": {"width": 0}},
-            text=[f"{x:.2g}" if x < 99.5 else f"{x:.0f}" for x in errors.values()],
-            textposition="outside",
-            cliponaxis=False,
-            hovertemplate="%{x}, " + (model or NO_MODEL) + ": %{y:.3g} mm<extra></extra>",
-        )
-    return Figure(
-        figure,
-        "Distance of the platform point from where it should be, root mean square, with a "
-        "logarithmic scale. All have the same tuning, so what differs is what they know of the "
-        "robot.",
-    )
-
-
-def error_figures(runs: Sequence[tuple[str, str, Tracking]]) -> tuple[Figure, ...]:
-    """Distance of the platform from the desired motion, and error of the tool's turn, over time."""
-    platform = [(name, color, run.time, 1e3 * run.platform_error) for name, color, run in runs]
-    turns = [
-        (name, color, run.time, np.rad2deg(run.turn_error))
-        for name, color, run in runs
-        if run.turn_error is not None
-    ]
-    where = "Distance of the platform point from where it should be."
-    turned = "Turn ψ of the tool, actual less desired."
-    return (
-        _over_time(platform, "platform error", "mm", where),
-        *([_over_time(turns, "error of the turn", "°", turned)] if turns else []),
-    )
-
-
-def _over_time(
-    lines: Sequence[tuple[str, str, Signal, Signal]], what: str, unit: str, caption: str
-) -> Figure:
-    axis = {"title": f"{what} [{unit}]", "rangemode": "tozero"}
-    figure = go.Figure(layout={"xaxis": {"title": "time [s]"}, "yaxis": axis, "height": 340})
-    for name, color, time, error in lines:
-        figure.add_scatter(
-            **_peaks(time, error),
-            name=style.label(name),
-            mode="lines",
-            line={"color": color, "width": 1.3},
-            showlegend=len(lines) > 1,
-            hovertemplate=f"%{{y:.3g}} {unit} at %{{x:.4g}} s<extra></extra>",
-        )
-    return Figure(figure, caption)
-
-
-def shown_length(robot: RobotDescription, drive: str) -> tuple[str, float]:
-    """Displayed unit of a drive's errors, and its number in a rad or m."""
-    return ("mm", 1e3) if robot.is_linear(drive) else ("°", np.rad2deg(1.0))
-
-
-def drive_figure(robot: RobotDescription, result: Tracking) -> Figure:
-    """Position error q − q_d of each drive."""
-    units = [shown_length(robot, drive) for drive in robot.drives]
-    figure = _stack(robot, [unit for unit, _ in units])
-    for i, (drive, (unit, scale)) in enumerate(zip(robot.drives, units, strict=True)):
-        error, hover = scale * result.drive_error[:, i], f"{drive} %{{y:.3g}} {unit}"
-        _line(figure, i, result.time, error, style.RESIDUAL, hover)
-    return Figure(figure, "Error of each drive, actual less desired coordinate.")
-
-
-def torque_figure(robot: RobotDescription, result: Tracking) -> Figure:
-    """Applied torques, with the drives' limits if they come close."""
-    units = [robot.units(drive).force for drive in robot.drives]
-    figure, line = _stack(robot, units), {"color": style.LIMIT, "dash": "dot", "width": 1}
-    for i, limit in enumerate(effort_limits(robot)):
-        tau, hover = result.tau[:, i], f"{robot.drives[i]} %{{y:.4g}} {units[i]}"
-        _line(figure, i, result.time, tau, style.MEASURED, hover)
-        if np.nanmax(np.abs(tau)) > 0.5 * limit:
-            for edge in (-limit, limit):
-                figure.add_hline(y=edge, line=line, row=i + 1, col=1)  # pyright: ignore[reportArgumentType]
-    return Figure(figure, "Torques of the drives. Dotted: limits of the plant, if near.")
-
-
-def _stack(robot: RobotDescription, units: Sequence[str]) -> go.Figure:
-    titles = [f"{drive} [{unit}]" for drive, unit in zip(robot.drives, units, strict=True)]
-    return style.stacked(titles, height=170 * len(titles) + 80, spacing=0.12 / len(titles))
-
-
-def _line(figure: go.Figure, i: int, time: Signal, values: Signal, color: str, hover: str) -> None:
-    figure.add_scatter(
-        **_peaks(time, values),
-        mode="lines",
-        showlegend=False,
-        line={"color": color, "width": 1.2},
-        hovertemplate=hover + " at %{x:.4g} s<extra></extra>",
-        row=i + 1,
-        col=1,
-    )
-
-
-def _peaks(time: Signal, values: Signal) -> dict[str, Float[np.ndarray, " shown"]]:
-    """At most `POINTS` samples: the largest in magnitude of each stretch."""
-    rows = peak_rows(np.abs(values), POINTS)
-    return {"x": time[rows].astype(np.float32), "y": values[rows].astype(np.float32)}
