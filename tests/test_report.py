@@ -17,7 +17,7 @@ from deltaid.identification.torque_error import torque_error
 from deltaid.model.corrections import Correction
 from deltaid.robot.load import load_robot, save_yaml
 from deltaid.view.comparison import TorqueComparison, compare
-from deltaid.view.corrections import put_right_sections
+from deltaid.view.corrections import correction_section
 from deltaid.view.friction_laws import law
 from deltaid.view.html import render
 from deltaid.view.model_pages import identification_page, validation_page
@@ -88,7 +88,7 @@ def test_sections(result: Identification) -> None:
 
 
 def test_what_was_put_right_stands_first(result: Identification) -> None:
-    assert not put_right_sections(result.model)
+    assert not correction_section(result.model).blocks
     alike = [
         Correction(
             kind="lag", subject=drive, value=2e-3, low=1.7e-3, high=2.3e-3, unit="s", text="late"

@@ -100,11 +100,9 @@ def test_a_drive_at_rest_and_times_since_1970() -> None:
         residual_density=np.ones((19, 2)),
         cutoff=None,
         events=np.array([[time[10], time[20]], [time[40], time[45]]]),
+        drives={"drive1": TURNING, "drive2": TURNING},
     )
-    blocks = (
-        over_time(c, {"drive1": TURNING, "drive2": TURNING}),
-        *residual_blocks(c, {"drive1": TURNING, "drive2": TURNING}),
-    )
+    blocks = over_time(c), *residual_blocks(c)
     np.testing.assert_array_equal(blocks[0].figure.data[0].x, time)
     assert blocks[0].figure.data[0].y.dtype == np.float32
     (marks, _) = (trace for trace in blocks[0].figure.data if trace.name == "left out: events")

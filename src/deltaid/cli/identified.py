@@ -107,9 +107,9 @@ def print_result(
     if choice is not None and choice.steps:
         further.append(model_tables.choice_table(choice, model.robot))
         details.append(model_tables.choice_sentence(choice))
-    put_right = corrections.put_right_tables(model, SCREEN)
+    corrected = corrections.correction_tables(model, SCREEN)
     if not full and model.corrections:  # their table comes first
-        tables, put_right = [*tables, put_right[0]], put_right[1:]
+        tables, corrected = [*tables, corrected[0]], corrected[1:]
     title = model.robot.title or model.robot.name
     print_found(
         [
@@ -119,7 +119,7 @@ def print_result(
             *([against] if against else []),
         ],
         tables if full else [table.without(*_WIDE) for table in tables],
-        [*further, *put_right],
+        [*further, *corrected],
         details,
         full=full,
     )

@@ -98,7 +98,7 @@ def check_page(
         verdict=_summary(grade, grades.count(grade)),
         drawing=drawing(robot, compiled(robot).kinematics) if robot else None,
         facts=tuple(Fact(grade, str(grades.count(grade))) for grade in _ORDER),
-        sections=tuple(section for section in sections if section.blocks),
+        sections=sections,
     )
 
 

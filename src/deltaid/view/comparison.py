@@ -17,6 +17,7 @@ from scipy import signal
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.identification.torque_error import PredictedTorques, predict
 from deltaid.recording.recording import PreparedRecording
+from deltaid.robot.parameter import JointUnits
 
 # Largest number of points of a curve: a screen has fewer columns.
 POINTS = 4000
@@ -39,6 +40,7 @@ class TorqueComparison:
             recorded torque and of the model's residual.
         cutoff: of the filter [Hz], None without one.
         events: first and last time [s] of stretches that are excluded because of events.
+        drives: units of each drive.
     """
 
     time: Float[np.ndarray, " shown"]
@@ -52,6 +54,7 @@ class TorqueComparison:
     residual_density: Float[np.ndarray, "frequencies dof"]
     cutoff: float | None
     events: Float[np.ndarray, "events 2"]
+    drives: dict[str, JointUnits]
 
 
 def compare(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> TorqueComparison:
@@ -75,6 +78,7 @@ def compare(dynamics: Dynamics, p: Parameters, recording: PreparedRecording) -> 
         *spectrum.densities(),
         recording.cutoff,
         np.array([(span.first, span.last) for span in recording.repairs.left_out]).reshape(-1, 2),
+        dynamics.robot.drive_units,
     )
 
 

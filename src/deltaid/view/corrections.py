@@ -59,8 +59,8 @@ def _short(subjects: Sequence[str]) -> list[str]:
     return said
 
 
-def correction_table(corrections: Sequence[Correction]) -> Table | None:
-    """All corrections in the order in which they were made; None if there are none.
+def correction_table(corrections: Sequence[Correction]) -> Table:
+    """All corrections in the order in which they were made.
 
     Drives with the same correction share a row.
     """
@@ -76,7 +76,7 @@ def correction_table(corrections: Sequence[Correction]) -> Table | None:
         "corrections; each can be turned off.",
         title="corrections",
     )
-    return _of_logs(table, several) if corrections else None
+    return _of_logs(table, several)
 
 
 def _of_logs(table: Table, several: bool) -> Table:
@@ -96,9 +96,9 @@ def _size(correction: Correction) -> str:
     return f"{value}{half and f' ± {half}'} {unit}".rstrip()
 
 
-def load_table(loads: Sequence[HeldLoad]) -> Table | None:
-    """Mass, first moment and inertia of each load, as far as they are known; None without loads."""
-    table = Table(
+def load_table(loads: Sequence[HeldLoad]) -> Table:
+    """Mass, first moment and inertia of each load, as far as they are known."""
+    return Table(
         ("load", "value", "± (95 %)", "unit", "from", "held by", "in"),
         tuple(
             (
@@ -117,11 +117,10 @@ def load_table(loads: Sequence[HeldLoad]) -> Table | None:
         "the robot without it.",
         title="loads",
     )
-    return table if loads else None
 
 
 def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
-    """Residual of each channel, and identified numbers of the sensors; empty without sensors."""
+    """Residual of each channel, and identified numbers of the sensors."""
     channels = Table(
         ("channel", "largest", "left by the fit", "noise stated", "unit"),
         tuple(
@@ -141,18 +140,15 @@ def sensor_tables(sensors: Sequence[FittedSensor]) -> tuple[Table, ...]:
         frozenset(i for i, p in enumerate(parameters) if p.determined_by not in MEASURED),
         "unknowns of sensors",
     )
-    return (*((channels,) if sensors else ()), *((unknowns,) if parameters else ()))
+    return channels, unknowns
 
 
-def event_table(logs: Iterable[tuple[str, Sequence[Event]]], most: int) -> Table | None:
+def event_table(logs: Iterable[tuple[str, Sequence[Event]]], most: int) -> Table:
     """Events with time, place and force, in order of time; only the largest if there are many.
 
     Args:
         logs: names of recordings, and their events.
         most: largest number of rows.
-
-    Returns:
-        None if there are no events.
     """
     events = [(name, event) for name, events in logs for event in events]
     shown = np.sort(np.argsort([-_force_size(event) for _, event in events], kind="stable")[:most])
@@ -165,7 +161,7 @@ def event_table(logs: Iterable[tuple[str, Sequence[Event]]], most: int) -> Table
         f"{which if len(shown) < len(events) else ''}",
         title="events",
     )
-    return _of_logs(table, len({name for name, _ in events}) > 1) if events else None
+    return _of_logs(table, len({name for name, _ in events}) > 1)
 
 
 def _force_size(event: Event) -> float:
@@ -219,7 +215,7 @@ def reversals(exclusions: Sequence[LeftOut]) -> str:
     )
 
 
-def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, ...]:
+def correction_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, ...]:
     """Tables of corrections, loads, sensors, events and exclusions, without empty ones."""
     sources = model.sources
     tables = (
@@ -229,11 +225,10 @@ def put_right_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, .
         event_table(((source.log, source.events) for source in sources), most_events),
         left_out_table((source.log, source.left_out) for source in sources),
     )
-    return tuple(table for table in tables if table is not None)
+    return tuple(table for table in tables if table and table.rows)
 
 
-def put_right_sections(model: IdentifiedModel | None) -> tuple[Section, ...]:
-    """The section of a page on corrections; empty if there are none."""
-    tables = put_right_tables(model, most_events=200) if model else ()
-    chapter = Section("Corrections", tables, "what was detected, corrected and excluded")
-    return (chapter,) if tables else ()
+def correction_section(model: IdentifiedModel | None) -> Section:
+    """The section of a page on corrections, without blocks if there are none."""
+    tables = correction_tables(model, most_events=200) if model else ()
+    return Section("Corrections", tables, "what was detected, corrected and excluded")

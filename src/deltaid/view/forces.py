@@ -9,7 +9,7 @@ import polars as pl
 from deltaid.joint_forces.forces import ALONG, ForceFinding, Forces
 from deltaid.view import style
 from deltaid.view.comparison import POINTS, extreme_rows, stretch_length
-from deltaid.view.corrections import put_right_sections
+from deltaid.view.corrections import correction_section
 from deltaid.view.drawing import drawing
 from deltaid.view.models import warned
 from deltaid.view.numbers import measured, number, span, with_uncertainty
@@ -74,7 +74,7 @@ def forces_page(value: Forces) -> Page:
                 (loads, places(value)),
                 "loads of motors and telescope, and where the platform is in the worst cases",
             ),
-            *put_right_sections(model.identified),
+            correction_section(model.identified),
             provenance_section(model, "The model"),
         ),
         warnings=(forces.note,) if forces.note else (),

@@ -15,7 +15,6 @@ from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.recording.recording import PreparedRecording
-from deltaid.robot.description import RobotDescription
 from deltaid.view import animation, corrections, drawing, model_tables, models, parameters, robots
 from deltaid.view.check import page_table, short_table, tally
 from deltaid.view.comparison import TorqueComparison, compare
@@ -67,32 +66,30 @@ def identification_page(result: Identification, verification: Validation | None 
         front=(
             *((short_table(verdicts),) if verdicts else ()),
             model_tables.error_table(load(model), error),
-            over_time(seen, model.robot.drive_units),
+            over_time(seen),
         ),
         sections=(
-            *corrections.put_right_sections(model),
-            *(_torque_section(model.robot, x, title, front=x is seen) for x, title in shown),
+            corrections.correction_section(model),
+            *(_torque_section(x, title, front=x is seen) for x, title in shown),
             _motion_section(dynamics, recordings[0]),
             parameters.parameter_section(model),
             friction_section(model, comparisons),
             animation.body_section(model, dynamics.kinematics),
             parameters.information_section(result),
-            *((checks,) if verdicts else ()),
+            checks,
             provenance_section(load(model), "Data and settings"),
         ),
         warnings=tuple(warnings),
     )
 
 
-def _torque_section(
-    robot: RobotDescription, comparison: TorqueComparison, title: str, *, front: bool
-) -> Section:
+def _torque_section(comparison: TorqueComparison, title: str, *, front: bool) -> Section:
     """Figures of torques along one recording, without the one at the page's front."""
     first, about = (), "the residual over speed, in size and in frequency"
     if not front:
-        first = (over_time(comparison, robot.drive_units),)
+        first = (over_time(comparison),)
         about = "measured and predicted over time, and the residual"
-    return Section(title, (*first, *residual_blocks(comparison, robot.drive_units)), about)
+    return Section(title, (*first, *residual_blocks(comparison)), about)
 
 
 def _motion_section(dynamics: Dynamics, recording: PreparedRecording) -> Section:
@@ -133,14 +130,12 @@ def validation_page(value: Validation) -> Page:
     """The page of `deltaid validate`: a model's errors on a recording, and its origin."""
     model, (error, log) = value.model, value
     dynamics, known, recording = model.dynamics, model.identified, model_filtered(model, log)
-    comparison, base = compare(dynamics, model.p, recording), ()
-    if known and known.base_parameters:  # missing in models of earlier versions
-        tables = (model_tables.base_table(known.base_parameters),)
-        base = (Section("Base parameters", tables, "combinations that the torques determine"),)
+    comparison = compare(dynamics, model.p, recording)
+    base = model_tables.base_table(known.base_parameters if known else ())
     missing = corrections.left_out_table(
         [(log.path.name, left_out(log, model.robot.drives, error))]
     )
-    torques = _torque_section(model.robot, comparison, "Torques", front=True)
+    torques = _torque_section(comparison, "Torques", front=True)
     return Page(
         title=model.robot.title or model.robot.name,
         subtitle=f"Parameters: {model.origin}; compared with {log.path.name}",
@@ -148,7 +143,7 @@ def validation_page(value: Validation) -> Page:
         drawing=drawing.drawing(model.robot, dynamics.kinematics),
         front=(
             model_tables.error_table(model, error),
-            over_time(comparison, model.robot.drive_units),
+            over_time(comparison),
         ),
         facts=tuple(
             Fact(
@@ -160,12 +155,12 @@ def validation_page(value: Validation) -> Page:
             for i, (drive, units) in enumerate(model.robot.drive_units.items())
         ),
         sections=(
-            replace(torques, blocks=(*((missing,) if missing else ()), *torques.blocks)),
+            replace(torques, blocks=(missing, *torques.blocks)),
             _motion_section(dynamics, recording),
             friction_section(model, (comparison,)),
             *([parameters.parameter_section(known)] if known else []),
-            *base,
-            *corrections.put_right_sections(model.identified),
+            Section("Base parameters", (base,), "combinations that the torques determine"),
+            corrections.correction_section(model.identified),
             provenance_section(model, "The model"),
         ),
         warnings=(
@@ -193,7 +188,7 @@ def model_page(value: Model | IdentifiedModel) -> Page:
         sections=(
             parameters.parameter_section(known),
             animation.body_section(known, model.dynamics.kinematics),
-            *corrections.put_right_sections(known),
+            corrections.correction_section(known),
             provenance_section(model, "The model"),
         ),
         warnings=known.warnings,
@@ -218,5 +213,5 @@ def validation_figure(value: Validation) -> go.Figure:
 
 
 def _torques(model: Model, recording: PreparedRecording) -> go.Figure:
-    compared, drives = compare(model.dynamics, model.p, recording), model.robot.drive_units
-    return over_time(compared, drives).figure.update_layout(height=170 * len(drives) + 90)
+    figure = over_time(compare(model.dynamics, model.p, recording)).figure
+    return figure.update_layout(height=170 * len(model.robot.drives) + 90)

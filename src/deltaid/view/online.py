@@ -57,8 +57,7 @@ def online_page(watched: Watched, title: str) -> Page:
             Section(
                 "What can be detected", (_least_forces(watched), *map(Text, told_lines(watched)))
             ),
-            *[Section("Friction", (friction_table(watched),), "what was followed of it")]
-            * bool(watched.friction),
+            Section("Friction", (friction_table(watched),), "what was followed of it"),
         ),
         warnings=watched.doubts,
         verdict=verdict(watched),

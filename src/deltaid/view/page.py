@@ -115,14 +115,19 @@ class Section:
     """A section of the page, listed in its contents.
 
     Attributes:
+        blocks: its content; None and tables without rows are dropped.
         about: its content, in a line that is visible while it is folded.
         unfolded: whether it is open when the page is opened, and on paper.
     """
 
     title: str
-    blocks: tuple[Block, ...]
+    blocks: tuple[Block | None, ...]
     about: str = ""
     unfolded: bool = False
+
+    def __post_init__(self) -> None:
+        kept = (b for b in self.blocks if b is not None and (not isinstance(b, Table) or b.rows))
+        object.__setattr__(self, "blocks", tuple(kept))
 
 
 @dataclass(frozen=True)
@@ -210,7 +215,8 @@ class Page:
 
     Attributes:
         facts: key figures.
-        sections: sections that unfold; without a front, the first one is open.
+        sections: sections that unfold; those without blocks are dropped; without a front, the
+            first one is open.
         verdict: in plain words, at the top.
         drawing: of the robot, with its bodies named.
         front: tables and figures that every reader should see, on screen and on paper.
@@ -226,6 +232,10 @@ class Page:
     drawing: Drawing | None = None
     front: tuple[Block, ...] = ()
     made: Made = field(default_factory=made)
+
+    def __post_init__(self) -> None:
+        sections = tuple(section for section in self.sections if section.blocks)
+        object.__setattr__(self, "sections", sections)
 
     @property
     def has_figures(self) -> bool:

@@ -33,7 +33,6 @@ _BESIDE = ("sensors", "measured")
 
 def parameter_section(model: IdentifiedModel) -> Section:
     """Parameters that are not zero by structure, as a table and relative to their prior."""
-    shares = share_table(model)
     return Section(
         "Parameters",
         (
@@ -49,7 +48,7 @@ def parameter_section(model: IdentifiedModel) -> Section:
             ),
             parameter_chart(model),
             parameter_table(model),
-            *((shares,) if shares is not None else ()),
+            share_table(model),
         ),
         "all numbers with their intervals, and what each comes from",
     )
@@ -126,16 +125,14 @@ def _reach(parameter: Parameter) -> tuple[float, float]:
     return share * (parameter.value - parameter.low), share * (parameter.high - parameter.value)
 
 
-def share_table(model: IdentifiedModel) -> Table | None:
+def share_table(model: IdentifiedModel) -> Table:
     """Sources of the intervals of parameters that data determines, and of base parameters.
 
-    None for a model of an earlier version, which lacks them.
+    Without rows for a model of an earlier version, which lacks them.
     """
     shown = [(p.name, p.share) for p in _decided(model.parameters)]
     shown += [(f"base: {group.representative}", group.share) for group in model.base_parameters]
     known = [(name, share) for name, share in shown if share is not None]
-    if not known:
-        return None
     keys = _keys([share for _, share in known])
     beside = [_SOURCES[key] for key in keys if key in _BESIDE]
     more = f", of {' and of '.join(beside)}" if beside else ""

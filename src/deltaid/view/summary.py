@@ -157,9 +157,9 @@ def provenance_section(model: Model, title: str) -> Section:
     """Sources, fit and settings of a model; at the prior, sources of the description."""
     known, sources = model.identified, tuple(model.robot.sources.items())
     columns = ("number of the description", "source")
-    own = (Table(columns, sources, "Sources of the description."),) if sources else ()
+    described = Table(columns, sources, "Sources of the description.")
     if known is None:
-        return Section(title, (Text(f"Parameters: {model.origin}."), *own), "where it is from")
+        return Section(title, (Text(f"Parameters: {model.origin}."), described), "where it is from")
     fit = known.fit
     reached = {
         "objective J": number(fit.objective),
@@ -199,7 +199,7 @@ def provenance_section(model: Model, title: str) -> Section:
             (*settings.items(), ("deltaid version", known.deltaid)),
             "Settings of the fit.",
         ),
-        *own,
+        described,
     )
     return Section(title, tables, "recordings, what the fit reached, settings")
 

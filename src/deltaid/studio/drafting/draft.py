@@ -37,7 +37,6 @@ class Draft:
         offered: numbers of a robot to start from, which replace assumptions.
         source: that robot.
         found: the workspace that the lengths allow, once it is computed: found_radius, found_low, …
-        found_for: the answers that it was computed for.
     """
 
     kind: str
@@ -48,7 +47,6 @@ class Draft:
     offered: Mapping[str, float] = field(default_factory=dict[str, float])
     source: str = ""
     found: Mapping[str, float] = field(default_factory=dict[str, float])
-    found_for: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def answered(self, key: str, value: float, origin: str) -> "Draft":
         """The draft with one more answer."""

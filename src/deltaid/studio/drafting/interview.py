@@ -13,7 +13,15 @@ from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import described_in
 from deltaid.studio.drafting.draft import GIVEN, Draft, read_answer
-from deltaid.studio.drafting.questions import GROUPS, KINDS, Group, Question, answered, questions_of
+from deltaid.studio.drafting.questions import (
+    ARTICULATED,
+    GROUPS,
+    KINDS,
+    Group,
+    Question,
+    answered,
+    questions_of,
+)
 from deltaid.studio.drafting.text import written
 from deltaid.studio.drafting.workspace import find_space, height
 from deltaid.studio.steps import Step
@@ -112,7 +120,7 @@ def require_group(draft: Draft, group: Group) -> Draft:
         DeltaidError: they are inconsistent, with the finding and the fix.
     """
     _require_ordered(draft.values)
-    if group in ("lengths", "tool"):
+    if group == "lengths" or (group == "tool" and draft.kind in ARTICULATED):
         return _with_space(draft)
     complete = (draft if group == "workspace" else _without(draft, _SPACE)).completed()
     if group == "workspace":
@@ -145,24 +153,12 @@ def _with_space(draft: Draft) -> Draft:
             cure="a longer strut, or rails that reach farther down",
         )
     trial = _with_found_space(bare, half, -middle - half, -middle + half).completed()
-    poses = {key: v for key, v in trial.values.items() if key not in _OF_FORCES}
-    if poses == draft.found_for:
-        return draft
     robot = description(trial)
     if robot.telescope is not None:
         # The assumed stroke follows from the workspace, not the other way round.
         robot = robot.changed(telescope=robot.telescope.changed(stroke=None))
     space = find_space(robot, middle, a["strut"])
-    return replace(_with_found_space(draft, space.radius, *space.z), found_for=poses)
-
-
-# Numbers that do not affect the reach.
-_OF_FORCES = frozenset(
-    ("arm_mass", "carriage_mass", "strut_mass", "platform_mass", "tool_mass", "telescope_mass",
-     "gear", "torque", "rail_force", "speed", "rail_speed", "rotor", "rotor_mass", "tool_speed",
-     "tool_torque", "tool_rotor", "coulomb", "viscous", "rail_coulomb", "rail_viscous",
-     "top_speed", "top_acceleration")
-)  # fmt: skip
+    return _with_found_space(draft, space.radius, *space.z)
 
 
 def _own_space(draft: Draft) -> Draft:
