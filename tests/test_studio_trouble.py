@@ -152,7 +152,8 @@ def test_a_folder_that_is_removed_while_a_step_runs(session: Session) -> None:
 def test_a_folder_that_is_gone_is_said(session: Session) -> None:
     shutil.rmtree(session.folder.root)
     assert session.store.look()
-    assert not session.folder.is_there
+    with pytest.raises(DeltaidError, match="is no longer there"):
+        session.folder.require()
     assert session.folder.files() == []
     with pytest.raises(DeltaidError, match="runs: cannot be used: No such file"):
         new_run(session.folder, "fit")

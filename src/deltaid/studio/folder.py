@@ -132,10 +132,14 @@ class Folder:
             error.where = str(error.where).replace(f"{self.root}{os.sep}", "")
             raise
 
-    @property
-    def is_there(self) -> bool:
-        """Whether the folder still exists."""
-        return self.root.is_dir()
+    def require(self) -> None:
+        """Refuse a folder that no longer exists.
+
+        Raises:
+            DeltaidError: it has been removed.
+        """
+        if not self.root.is_dir():
+            raise DeltaidError("is no longer there", where=str(self.root), cure="put it back")
 
     def robots(self) -> list[str]:
         """Names of files that describe a robot."""

@@ -70,6 +70,8 @@ class Store:
 
     Attributes:
         plan: as last read.
+        changes: of plan, files or jobs so far; each by the page that already shows it, or empty.
+            Pages redraw when there are more.
 
     Raises:
         DeltaidError: studio.yaml is no valid plan.
@@ -77,14 +79,12 @@ class Store:
 
     def __init__(self, folder: Folder) -> None:
         self.folder = folder
-        self.listeners: list[Callable[[], None]] = []
-        self.revision = 0
-        self.teller = ""
+        self.changes: list[str] = []
         self._seen = self._stamp()
         self.plan = self._read()
 
     def change(self, edit: Callable[[Plan], Plan]) -> None:
-        """Change the plan on disk, and notify all pages.
+        """Change the plan on disk, and redraw all pages.
 
         Raises:
             DeltaidError: the change is not valid, or cannot be written.
@@ -96,15 +96,12 @@ class Store:
             data = after.model_dump(mode="json", exclude_defaults=True)
             self.folder.write(FILE, _HEADER + (yaml_text(data) if data else ""), instead_of=text)
         self.plan = after
-        self.tell()
+        self.redraw()
 
-    def tell(self, teller: str = "") -> None:
+    def redraw(self, shown_by: str = "") -> None:
         """Redraw all pages, except the one that already shows the change."""
-        self.teller = teller
         self._seen = self._stamp()
-        self.revision += 1
-        for listener in list(self.listeners):
-            listener()
+        self.changes.append(shown_by)
 
     def look(self) -> bool:
         """Redraw all pages if another program has changed a file."""
@@ -115,14 +112,16 @@ class Store:
         except DeltaidError:  # while it is edited by hand: the last valid plan holds
             self._seen = self._stamp()
             return False
-        self.tell()
+        self.redraw()
         return True
 
     def _read(self) -> Plan:
         return _parsed(self.folder.text(FILE) if self.folder.has(FILE) else "")
 
     def _stamp(self) -> tuple[object, ...]:
-        return self.folder.is_there, *((path.name, stamp(path)) for path in self.folder.files())
+        return self.folder.root.is_dir(), *(
+            (path.name, stamp(path)) for path in self.folder.files()
+        )
 
 
 _HEADER = "# What `deltaid studio` remembers of this folder. It may be edited, or deleted.\n"

@@ -105,7 +105,7 @@ class Session:
             of = self.stamped(robot)
         self.job = Job(make(place), self.folder, place, of=of, robot=robot)
         self._task = asyncio.get_running_loop().create_task(self._run(self.job))
-        self.store.tell()
+        self.store.redraw()
         return self.job
 
     def last(self, kind: Kind) -> FinishedRun | None:
@@ -175,10 +175,10 @@ class Session:
             if job.state == "running":
                 what = "was ended by a defect of deltaid"
                 job.fail(DeltaidError(what, where=job.step.kind, cure="please report it"))
-                self.store.tell()
+                self.store.redraw()
         if job.step.kind == "fit" and job.state == "done" and (run := job.run) is not None:
             self.store.change(lambda plan: plan.changed(model=run.file("model.yaml")))
-        self.store.tell()
+        self.store.redraw()
 
     def stamped(self, name: str) -> str:
         """Stamp of a file in the folder; empty for anything else."""

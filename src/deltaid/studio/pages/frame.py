@@ -1,14 +1,12 @@
 """The frame of all stages: header, stepper, content that follows the folder, files."""
 
-import asyncio
 from functools import partial
 from importlib import resources
 
-from nicegui import app, background_tasks, ui
+from nicegui import app, ui
 from nicegui.client import Client
 from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
 
-from deltaid.errors import DeltaidError
 from deltaid.studio.pages import check, fit, parts, recording, result, robot, use
 from deltaid.studio.session import STAGES, Session, standing
 from deltaid.view.own_page import POLL
@@ -30,6 +28,8 @@ _THEMES: dict[bool | None, tuple[str, bool | None, str]] = {
     True: ("Theme: dark", False, "studioTheme(true)"),
     False: ("Theme: light", None, "studioTheme(false)"),
 }
+# Period at which a page looks for changes of the plan, too short to be noticed [s].
+_REDRAW = 0.1
 # Pages in the folder may contain anything, so they have no access to the studio.
 _OF_FILES = "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline' data: blob:"
 
@@ -79,47 +79,27 @@ def _stage(session: Session, stage: str, client: Client) -> None:
         ui.label(question).classes("question")
         content = ui.column().classes("body")
         _arrows(stage)
-    seen, drawing = -1, False
+    drawn: int | None = None
 
     async def draw() -> None:
-        """Redraw after a change, one change at a time: two redraws at once would show content
-        twice."""
-        nonlocal seen, drawing
-        drawing = True
-        try:
-            while seen != session.store.revision and not client.is_deleted:
-                seen = session.store.revision
-                nav.refresh()
-                content.clear()
-                with content, parts.shown():
-                    if not session.folder.is_there:
-                        raise DeltaidError(
-                            "is no longer there", where=str(session.folder.root), cure="put it back"
-                        )
-                    await _BODIES[stage].body(session)
-        finally:
-            drawing = False
+        """Redraw after changes, unless the form that made them shows them already."""
+        nonlocal drawn
+        changes = session.store.changes
+        by_others = drawn is None or any(by != client.id for by in changes[drawn:])
+        if drawn == len(changes):
+            return
+        drawn = len(changes)
+        nav.refresh()
+        if by_others:
+            content.clear()
+            with content, parts.shown():
+                session.folder.require()
+                await _BODIES[stage].body(session)
 
-    def again() -> None:
-        nonlocal task, seen
-        # The form that made a change already shows it, even while its figure is still being drawn.
-        if session.store.teller == client.id and seen == session.store.revision - 1:
-            seen = session.store.revision
-            nav.refresh()
-        elif not drawing:
-            task = background_tasks.create(draw(), name="draw", context=client)
-
-    def on_delete() -> None:
-        session.store.listeners.remove(again)
-        if task is not None:
-            task.cancel()
-
-    task: asyncio.Task[None] | None = None
-    session.store.listeners.append(again)
-    client.on_delete(on_delete)
     client.on_exception(parts.warn)
     ui.timer(POLL, session.store.look)
-    again()
+    # A timer calls its function again only once that has returned, so no content is drawn twice.
+    ui.timer(_REDRAW, draw)
 
 
 def _header(session: Session) -> None:

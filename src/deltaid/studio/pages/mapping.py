@@ -58,7 +58,7 @@ class Form:
         self.fields: dict[tuple[Quantity, int, str], ValueElement[Any]] = {}
         self.changed: list[Callable[[], object]] = []
         sharing = [r for r in session.plan.recordings if r.mapping == used.mapping]
-        self.teller = "" if used.mapping and len(sharing) > 1 else ui.context.client.id
+        self.shown_by = "" if used.mapping and len(sharing) > 1 else ui.context.client.id
         self.data, draft = data, session.drafts.get(self.key)
         if draft is not None and draft.before == self.before:
             self.data = draft.after
@@ -81,12 +81,12 @@ class Form:
                 del self.session.drafts[self.key]
                 self.before = text
         except DeltaidError:
-            self.teller = ""
+            self.shown_by = ""
             raise
         finally:
             for show in self.changed:
                 show()
-            self.session.store.tell(self.teller)
+            self.session.store.redraw(self.shown_by)
 
     def shown(self, quantity: Quantity, drive: int, key: str) -> Any:
         """Value of the field of an entry's key."""

@@ -197,7 +197,7 @@ def _changed_meanwhile(session: Session, name: str, draft: FileEdit, now: str) -
     def settle(kept: dict[str, FileEdit]) -> None:
         session.drafts.pop(name)
         session.drafts |= kept
-        session.store.tell()
+        session.store.redraw()
 
     mine = {name: FileEdit(now, draft.after)}
     with ui.row():
@@ -250,4 +250,4 @@ class _Editor:
         with contextlib.suppress(ConflictError):
             self.session.folder.write(self.name, text, instead_of=self.before)
             self.session.drafts.pop(self.name, None)
-        self.session.store.tell()
+        self.session.store.redraw()

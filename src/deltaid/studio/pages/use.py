@@ -77,7 +77,7 @@ def _model(session: Session, model: str) -> None:
             if kind == "bad":
                 parts.note(sentence, kind)
                 parts.remembered(session, _POOR, ui.switch(INSIST, value=False)).on_value_change(
-                    lambda: session.store.tell()
+                    lambda: session.store.redraw()
                 )
         with ui.row():
             ui.button(
