@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from nicegui import background_tasks, events, ui
+from nicegui import events, ui
 from scipy.spatial.transform import Rotation
 
 from deltaid.recording.contents import Contents
@@ -196,14 +196,14 @@ async def live(session: Session, name: str) -> None:
     robot, changed = session.place(name), session.stamped(name)
     with parts.waiting():
         scene = await session.look(stage, robot, changed)
-    await _Live(session, (robot, changed), scene).go()
+    _Live(session, (robot, changed), scene)
 
 
 class _Live:
     def __init__(self, session: Session, robot: tuple[str, str], stage: Stage) -> None:
         self.session, self.robot, self.stage = session, robot, stage
         self.place = session.poses.get(robot, stage.home)
-        self.wanted, self.going = self.place, False
+        self.wanted, self.shown = self.place, ()
         with ui.element("div").classes("live"):
             with ui.element("div").classes("seen"):
                 self._scene()
@@ -218,6 +218,7 @@ class _Live:
                 self.sliders = [self._slider(k, axis) for k, axis in enumerate(stage.axes)]
                 ui.button("Home", on_click=lambda: self._put(stage.home)).props("outline dense")
                 self.readings = ui.html(sanitize=False).props("role=status")
+        ui.timer(parts.REDRAW, self._go)
 
     def _scene(self) -> None:
         size = self.stage.size
@@ -243,7 +244,7 @@ class _Live:
             asked = self.stage.home[k] if event.value is None else event.value
             value.set_text(_text(asked, axis))
             if abs(asked - self.wanted[k]) > 1e-9:
-                self._ask(tuple(asked if i == k else w for i, w in enumerate(self.wanted)))
+                self.wanted = tuple(asked if i == k else w for i, w in enumerate(self.wanted))
 
         with ui.row().classes("items-center w-full no-wrap"):
             ui.label(axis.name).classes("w-4")
@@ -256,27 +257,16 @@ class _Live:
         return slider
 
     def _put(self, wanted: tuple[float, ...]) -> None:
-        """Go to a pose that no slider requested; the sliders follow."""
-        self._ask(wanted)
+        """Request a pose that no slider requested; the sliders follow."""
+        self.wanted = wanted
         for slider, value in zip(self.sliders, wanted, strict=True):
             slider.set_value(value)
 
-    def _ask(self, wanted: tuple[float, ...]) -> None:
-        """Go to a pose; the last request wins."""
-        self.wanted = wanted
-        if not self.going:
-            background_tasks.create(self.go(), name="go", context=self.scene.client)
-
-    async def go(self) -> None:
-        """Move the robot until it is at the last requested pose."""
-        self.going = True
-        try:
-            asked = None
-            while asked != self.wanted:
-                asked = self.wanted
-                self._draw(*await self.session.glance(stand, *self.robot, asked, self.place))
-        finally:
-            self.going = False
+    async def _go(self) -> None:
+        """Move the robot to the last requested pose."""
+        if self.shown != self.wanted:
+            self.shown = self.wanted
+            self._draw(*await self.session.glance(stand, *self.robot, self.wanted, self.place))
 
     def _draw(self, view: View, placed: Placement) -> None:
         units = np.array([1.0 if axis.unit == "m" else np.rad2deg(1.0) for axis in self.stage.axes])

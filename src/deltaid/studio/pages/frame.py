@@ -28,8 +28,6 @@ _THEMES: dict[bool | None, tuple[str, bool | None, str]] = {
     True: ("Theme: dark", False, "studioTheme(true)"),
     False: ("Theme: light", None, "studioTheme(false)"),
 }
-# Period at which a page looks for changes of the plan, too short to be noticed [s].
-_REDRAW = 0.1
 # Pages in the folder may contain anything, so they have no access to the studio.
 _OF_FILES = "sandbox allow-scripts allow-downloads; default-src 'unsafe-inline' data: blob:"
 
@@ -99,7 +97,7 @@ def _stage(session: Session, stage: str, client: Client) -> None:
     client.on_exception(parts.warn)
     ui.timer(POLL, session.store.look)
     # A timer calls its function again only once that has returned, so no content is drawn twice.
-    ui.timer(_REDRAW, draw)
+    ui.timer(parts.REDRAW, draw)
 
 
 def _header(session: Session) -> None:

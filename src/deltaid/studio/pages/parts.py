@@ -20,6 +20,8 @@ from deltaid.studio.words import page_words
 
 _Field = TypeVar("_Field", bound=ValueElement[Any])
 
+# Period at which pages look for changes, too short to be noticed [s].
+REDRAW = 0.1
 _GRADES = {"good": "good", "cannot tell": "tell", "doubtful": "doubtful", "wrong": "wrong"}
 
 

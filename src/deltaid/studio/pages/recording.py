@@ -1,9 +1,8 @@
 """Stage 2, recordings: files of the folder, the mapping of columns, and a preview."""
 
-import asyncio
 from functools import partial
 
-from nicegui import background_tasks, ui
+from nicegui import ui
 
 from deltaid.errors import DeltaidError
 from deltaid.recording.contents import Contents, count_columns, read_contents
@@ -107,44 +106,37 @@ async def _recording(session: Session, used: Used, robot: RobotDescription) -> N
         for text in contents.proposal.warnings:
             parts.note(text, "doubt")
         if used.mapping is None:
-            await _proposal(session, used, contents, robot)
+            _proposal(session, used, contents, robot)
             return
         _another(session, used)
         state = Form(
             session, used, contents, robot, read(session.folder.text(used.mapping), used.mapping)
         )
         form(state)
-        await _figure(state, used, contents, ui.column().classes("w-full figure"))
+        _figure(state, used, contents, ui.column().classes("w-full figure"))
 
 
-async def _figure(state: Form, used: Used, contents: Contents, place: ui.column) -> None:
+def _figure(state: Form, used: Used, contents: Contents, place: ui.column) -> None:
     """The recording as mapped; raw signals while the mapping is incomplete."""
-    lock, drawn = asyncio.Lock(), object()
+    drawn: object = None
 
     async def draw() -> None:
         nonlocal drawn
-        async with lock:
-            wanted = state.missing or state.data
-            if wanted == drawn or (state.missing and isinstance(drawn, str)):
-                return
-            drawn = wanted
-            place.clear()
-            with place, parts.shown():
-                if state.missing:
-                    await signals(state.session, used, contents, state.data, state.dof)
-                else:
-                    await preview(state.session, used, state.data)
+        wanted = state.missing or state.data
+        if wanted == drawn or (state.missing and isinstance(drawn, str)):
+            return
+        drawn = wanted
+        place.clear()
+        with place, parts.shown():
+            if state.missing:
+                await signals(state.session, used, contents, state.data, state.dof)
+            else:
+                await preview(state.session, used, state.data)
 
-    def later() -> None:
-        background_tasks.create(draw(), name="figure", context=place.client)
-
-    state.changed.append(later)
-    await draw()
+    ui.timer(parts.REDRAW, draw)
 
 
-async def _proposal(
-    session: Session, used: Used, contents: Contents, robot: RobotDescription
-) -> None:
+def _proposal(session: Session, used: Used, contents: Contents, robot: RobotDescription) -> None:
     """A proposed mapping with its reasons; the file is written when the user accepts it."""
     guess, name = contents.proposal, mapping_name(session, used.file)
     state = Form(session, used, contents, robot, guess.data)
@@ -163,7 +155,7 @@ async def _proposal(
     take = ui.button(f"Use these, write {name}", on_click=partial(_take, state, used, name))
     take.props("outline" if fitting else "").set_enabled(not state.missing)
     state.changed.append(lambda: take.set_enabled(not state.missing))
-    await _figure(state, used, contents, figure)
+    _figure(state, used, contents, figure)
 
 
 def _fitting(session: Session, contents: Contents, dof: int) -> dict[str, str]:
