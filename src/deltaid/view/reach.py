@@ -1,32 +1,27 @@
-"""Reach of a robot from its home pose and the limits that bound it, the reachable region, and
-sections through it."""
+"""Reach of a robot from its home pose and the limits that bound it, and the reachable region."""
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import plotly.graph_objects as go
 from jaxtyping import Bool, Float, Int
-from plotly.subplots import make_subplots
 from scipy.stats import qmc
 
 from deltaid.dynamics.limits import AtRest, Poses, kind_of_limit
 from deltaid.errors import KinematicsError
-from deltaid.mechanism.skeleton import Skeleton
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
-from deltaid.view.animation import fix_scene, robot_lines, still_line
-from deltaid.view.drawing import outline, outline_points
-from deltaid.view.page import Figure
+from deltaid.view.drawing import outline_points
 
 # Angle between directions of the rays [deg].
 _EVERY = 4
 # Steps of a ray over the largest possible reach, so that gaps shorter than a step are missed;
 # number of bisections, which locate its end within micrometres.
 _STEPS, _HALVINGS = 300, 20
-# Points along each side of a section, for smooth contours within a second.
-_GRID = 161
 NOTHING = "nothing"
+Rays = Float[np.ndarray, " rays"]
+Inside = Bool[np.ndarray, " rays"]
 
 
 @dataclass(frozen=True)
@@ -153,10 +148,7 @@ def _ends(
         low[going] = k * step
     endless = np.isin(everyone, going)
     high = np.where(starting & ~endless, low + step, low)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        inside = kept(middle, everyone)
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    low = bisected(lambda distance: kept(distance, everyone), low, high, _HALVINGS)
     shares = robot(robot.home + low[:, None] * directions).shares[:, robot.of_workspace :]
     return low, np.where(endless, -1, robot.of_workspace + np.argmax(shares, axis=1))
 
@@ -204,121 +196,10 @@ def patches(
     return {name: (points, faces[ended_by == name]) for name in np.unique(ended_by)}
 
 
-def picture(robot: AtRest, reached: Reach) -> Figure:
-    """The robot at home, the described workspace, and the region it reaches."""
-    skeleton = Skeleton(robot.robot, robot.dynamics.kinematics.mechanism)
-    shape, space = skeleton.evaluate(robot.home[None])[0], robot.robot.workspace
-    edges = still_line("workspace", outline(space), {"color": style.MEASURED, "width": 3})
-    figure, colors = go.Figure([*robot_lines(skeleton, shape).values(), edges]), limit_kinds(robot)
-    for name, (points, faces) in patches(robot, reached).items():
-        figure.add_mesh3d(
-            **dict(zip("xyz", points.astype(np.float32).T, strict=True)),
-            **dict(zip("ijk", faces.astype(np.int32).T, strict=True)),
-            name=f"ends at: {name}",
-            color=colors[name],
-            opacity=0.3,
-            flatshading=True,
-            showlegend=True,
-            hovertemplate=f"ends at: {name}<br>%{{x:.3f}}, %{{y:.3f}}, %{{z:.3f}} m<extra></extra>",
-        )
-    drawn = shape.reshape(-1, 3), reached.points.reshape(-1, 3), outline_points(space)
-    fix_scene(figure, *drawn, height=680, below=0)
-    return Figure(
-        figure.update_layout(margin={"t": 90}),
-        "The robot at its home pose in the middle of the workspace. The surface is where straight "
-        "ways from home end, coloured by the kind of limit that ends them; speeds are no part of "
-        "it. Drag to turn the view; click on the legend to hide a part. The distance of the two "
-        "struts in a pair is not part of the description and drawn as it looks usual.",
-    )
-
-
-def sections(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> Figure:
-    """Condition and use of limits in two vertical planes and a horizontal one through home."""
-    points = np.concatenate([reached.points.reshape(-1, 3), outline_points(robot.robot.workspace)])
-    low, high = points.min(axis=0), points.max(axis=0)
-    low, high = low - 0.06 * (high - low), high + 0.06 * (high - low)
-    figure = make_subplots(
-        rows=1,
-        cols=3,
-        subplot_titles=[f"{'xyz'[k]} = {robot.home[k]:.3g} m" for k in (1, 0, 2)],
-        horizontal_spacing=0.09,
-    )
-    largest = robot.robot.largest_condition
-    for column, normal in enumerate((1, 0, 2), 1):
-        panel, (i, j) = {"row": 1, "col": column}, (k for k in range(3) if k != normal)
-        x, y = (np.linspace(low[k], high[k], _GRID) for k in (i, j))
-        z = np.tile(robot.home, (_GRID**2, 1))
-        z[:, i], z[:, j] = np.tile(x, _GRID), np.repeat(y, _GRID)
-        poses = robot(z)
-        use = np.max(poses.shares[:, robot.of_workspace :], axis=1, initial=0.0)
-        # Out of reach counts as twice the limit, because contours need numbers everywhere.
-        use = np.where(poses.stands, np.minimum(use, 2.0), 2.0)
-        condition = np.where(poses.stands, np.minimum(poses.condition, largest), np.nan)
-        shown = [values.reshape(_GRID, _GRID).astype(np.float32) for values in (condition, use)]
-        axes = {"x": x.astype(np.float32), "y": y.astype(np.float32)}
-        figure.add_heatmap(
-            **axes,
-            z=shown[0],
-            coloraxis="coloraxis",
-            hovertemplate=f"{'xyz'[i]} %{{x:.3f}} m, {'xyz'[j]} %{{y:.3f}} m: "
-            "condition %{z:.3g}<extra></extra>",
-            **panel,
-        )
-        figure.add_contour(
-            **axes,
-            z=shown[1],
-            contours={"start": 1.0, "end": 1.0, "size": 1.0, "coloring": "none"},
-            line={"color": style.LIMIT, "width": 2.5},
-            name="limits",
-            showlegend=False,
-            showscale=False,
-            hoverinfo="skip",
-            **panel,
-        )
-        figure.add_scatter(
-            **dict(zip("xy", _section(robot, i, j).T, strict=True)),
-            mode="lines",
-            line={"color": style.PRIOR, "width": 2, "dash": "dot"},
-            showlegend=False,
-            hoverinfo="skip",
-            **panel,
-        )
-        x, y = ({"title_text": f"{'xyz'[k]} [m]"} for k in (i, j))
-        figure.update_xaxes(x | {"constrain": "domain", "nticks": 5}, **panel)
-        same = f"x{column if column > 1 else ''}"
-        figure.update_yaxes(y | {"scaleanchor": same, "constrain": "domain"}, **panel)
-    figure.update_layout(
-        height=430,
-        margin={"t": 40, "b": 90},
-        coloraxis={
-            "colorscale": "Viridis",
-            "cmin": 1.0,
-            "cmax": min(largest, 1.5 * float(surveyed.poses.condition.max())),
-            "colorbar": {
-                "orientation": "h",
-                "y": -0.22,
-                "yanchor": "top",
-                "thickness": 10,
-                "title": {"text": "condition", "side": "top"},
-            },
-        },
-    )
-    return Figure(
-        figure,
-        "Condition of the Jacobian in planes through the home pose; empty where the robot cannot "
-        "stand. Within the line all limits of the machine at rest are kept; dotted is the "
-        "described workspace.",
-    )
-
-
-def _section(robot: AtRest, i: int, j: int) -> Float[np.ndarray, "points 2"]:
-    """Edge of the workspace in the plane of two axes through home, found along rays."""
-    angle = np.linspace(0, 2 * np.pi, 361)
-    unit, low = np.zeros((len(angle), 3)), np.zeros(len(angle))
-    unit[:, i], unit[:, j] = np.cos(angle), np.sin(angle)
-    high = np.full(len(angle), np.ptp(outline_points(robot.robot.workspace), axis=0).sum())
-    for _ in range(40):  # workspaces are convex and contain home
+def bisected(inside: Callable[[Rays], Inside], low: Rays, high: Rays, halvings: int) -> Rays:
+    """Largest distances along rays, between two bounds, at which they are still inside."""
+    for _ in range(halvings):
         middle = 0.5 * (low + high)
-        inside = robot.robot.workspace.contains(robot.home[:3] + middle[:, None] * unit)
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    return (robot.home[:3] + low[:, None] * unit)[:, [i, j]].astype(np.float32)
+        is_inside = inside(middle)
+        low, high = np.where(is_inside, middle, low), np.where(is_inside, high, middle)
+    return low

@@ -18,16 +18,8 @@ from deltaid.view.animation import fix_scene, robot_lines, still_line
 from deltaid.view.drawing import outline, outline_points
 from deltaid.view.numbers import number, percent
 from deltaid.view.page import Fact, Page, Section, Table, Text
-from deltaid.view.reach import (
-    NOTHING,
-    Reach,
-    WorkspaceSurvey,
-    picture,
-    reach,
-    require_space,
-    sections,
-    survey,
-)
+from deltaid.view.reach import NOTHING, Reach, WorkspaceSurvey, reach, require_space, survey
+from deltaid.view.reach_figures import picture, sections
 from deltaid.view.show import Card
 
 _Robot = RobotDescription | Kinematics | Dynamics | ForwardDynamics | ConstraintForces
