@@ -65,17 +65,13 @@ def settings_of(given: object, options: Mapping[str, Any] | None = None) -> Sett
     Raises:
         DescriptionError: a setting does not exist, or cannot have that value.
     """
-    if options:
-        own = given.model_dump() if isinstance(given, Settings) else given or {}
-        return settings_of({**own, **options} if isinstance(own, Mapping) else given)
-    if given is None:
-        return Settings()
-    if isinstance(given, Settings):
-        return given
-    if isinstance(given, Mapping):
-        return Settings.from_dict(given, "settings")
-    raise DescriptionError(
-        f"a {type(given).__name__} is no settings",
-        where="settings",
-        cure="give deltaid.Settings(…), or a dictionary of the same keys",
-    )
+    chosen = {} if given is None else given
+    if isinstance(chosen, Settings):
+        chosen = chosen.model_dump()
+    if not isinstance(chosen, Mapping):
+        raise DescriptionError(
+            f"a {type(given).__name__} is no settings",
+            where="settings",
+            cure="give deltaid.Settings(…), or a dictionary of the same keys",
+        )
+    return Settings.from_dict({**chosen, **(options or {})}, "settings")
