@@ -262,14 +262,12 @@ def check(
 
 def _verdicts_shown(verdicts: "Sequence[deltaid.Verdict]") -> Table:
     """A table of verdicts, with cause and next step below the finding, whatever the width."""
-    from deltaid.view.check import seen_of
-
     result = Table(
         Column(no_wrap=True), Column(no_wrap=True), Column(max_width=WIDEST, overflow="fold"),
         box=None, pad_edge=False, show_header=False,
     )  # fmt: skip
     for verdict in verdicts:
-        lines = [seen_of(verdict), *[f"likely: {verdict.cause}"] * bool(verdict.cause)]
+        lines = [verdict.observation, *[f"likely: {verdict.cause}"] * bool(verdict.cause)]
         lines += [f"→ {verdict.cure}"] * bool(verdict.cure)
         grade = styled(verdict.grade, _COLOURS[verdict.grade])
         result.add_row(grade, visible(verdict.key), visible("\n".join(lines)))

@@ -15,6 +15,7 @@ from deltaid.control.tracking import Tracking, Trajectory
 from deltaid.dynamics.limits import LimitsAlong, effort_limits
 from deltaid.errors import sentence
 from deltaid.model.model import Model
+from deltaid.model.verdict import percent
 
 Signal = Float[np.ndarray, " samples"]
 Kind = Literal[
@@ -108,9 +109,8 @@ def _problem(
         return []
     k, first = int((over if size is None else size).argmax()), float(time[over.argmax()])
     at, share, worst = float(time[k]), float(over.mean()), 1.0 if size is None else float(size[k])
-    percent = f"{100 * share:.2g} %" if share < 0.995 else "100 %"
-    said, short = text.format(at=at, first=first, share=percent), short.format(first=first)
-    return [MotionProblem(kind, what, said, short, worst, at, share)]
+    said = text.format(at=at, first=first, share=percent(share))
+    return [MotionProblem(kind, what, said, short.format(first=first), worst, at, share)]
 
 
 def _kinematic(name: str) -> tuple[Kind, str]:

@@ -67,10 +67,14 @@ class Verdict(Shown):
     unit: str = ""
 
     @property
+    def observation(self) -> str:
+        """The finding, preceded by its subject unless it names that."""
+        return self.seen if self.subject in self.seen else f"{self.subject}: {self.seen}"
+
+    @property
     def finding(self) -> str:
         """The finding and its likeliest cause, as one sentence."""
-        about = "" if self.subject in self.seen else f"{self.subject}: "
-        return sentence(f"{about}{self.seen}", self.cause, "")
+        return sentence(self.observation, self.cause, "")
 
     @property
     def sentence(self) -> str:

@@ -23,12 +23,6 @@ def by_severity(verdicts: Sequence[Verdict]) -> list[Verdict]:
     return sorted(verdicts, key=lambda verdict: _ORDER.index(verdict.grade))
 
 
-def seen_of(verdict: Verdict) -> str:
-    """The finding, preceded by its subject unless it names that."""
-    about = verdict.subject
-    return verdict.seen if about in verdict.seen else f"{about}: {verdict.seen}"
-
-
 def page_table(verdicts: Sequence[Verdict]) -> Table:
     """Verdicts with finding, cause and fix; the most severe first."""
     ordered = by_severity(verdicts)
@@ -37,7 +31,7 @@ def page_table(verdicts: Sequence[Verdict]) -> Table:
     table = Table(
         ("verdict", "check", "seen", _CAUSE),
         tuple(
-            (v.grade, v.key, seen_of(v), f"{v.cause} → {v.cure}" if v.cause or v.cure else "")
+            (v.grade, v.key, v.observation, f"{v.cause} → {v.cure}" if v.cause or v.cure else "")
             for v in ordered
         ),
         muted=good,
