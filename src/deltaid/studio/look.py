@@ -70,11 +70,6 @@ class Preview:
     seconds: float
 
 
-def ready() -> bool:
-    """Load the modules of previews in advance, so that the first preview is fast."""
-    return True
-
-
 def preview(path: str, robot: str, mapping: dict[str, Any], span: Any = None) -> Preview:
     """A recording as a mapping interprets it: positions in degrees or m, torques in N m or N.
 

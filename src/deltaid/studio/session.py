@@ -6,7 +6,8 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
+from importlib import import_module
 from typing import Any, TypeVar
 
 from deltaid.errors import DeltaidError
@@ -15,7 +16,7 @@ from deltaid.robot.load import catalogue, described
 from deltaid.studio.edits import incomplete, read
 from deltaid.studio.folder import Folder, stamp
 from deltaid.studio.jobs import Job
-from deltaid.studio.look import REMEMBERED, ready
+from deltaid.studio.look import REMEMBERED, preview
 from deltaid.studio.plan import Plan, Store, Used, digest
 from deltaid.studio.runs import FinishedRun, new_run, output, runs
 from deltaid.studio.steps import Kind, Step
@@ -52,7 +53,6 @@ class Session:
         self.drafts: dict[str, FileEdit] = {}
         self.choices: dict[str, Any] = {}
         self.poses: dict[tuple[str, str], tuple[float, ...]] = {}
-        self._robots: dict[tuple[str, str], RobotDescription | DeltaidError] = {}
         self._seen: dict[tuple[Any, ...], Any] = {}
         self._task: asyncio.Task[None] | None = None
         self._pool: ProcessPoolExecutor | None = None
@@ -72,15 +72,11 @@ class Session:
         name = self.plan.robot
         if name is None:
             return None
-        key = (name, self.stamped(name))
-        if key not in self._robots:
-            self._robots.clear()
-            try:
-                with self.folder.called_by_name():
-                    self._robots[key] = described(self.place(name))
-            except DeltaidError as error:
-                self._robots[key] = error
-        return self._robots[key]
+        try:
+            with self.folder.called_by_name():
+                return _described(self.place(name), self.stamped(name))
+        except DeltaidError as error:
+            return error
 
     def place(self, robot: str) -> str:
         """Argument for functions from a robot's or model's name: catalogue names stay, files get
@@ -152,7 +148,8 @@ class Session:
         """The pool with the process that reads files, started if it does not run."""
         if self._pool is None:
             self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
-            self._pool.submit(ready)
+            # Loads the modules of previews in advance, so that the first preview is fast.
+            self._pool.submit(import_module, preview.__module__)
         return self._pool
 
     async def close(self) -> None:
@@ -185,6 +182,11 @@ class Session:
         if name in catalogue() or not self.folder.has(name):
             return ""
         return f"{name} {stamp(self.folder.path(name))}"
+
+
+@lru_cache(1)
+def _described(robot: str, _changed: str) -> RobotDescription:
+    return described(robot)
 
 
 def standing(session: Session) -> dict[str, str]:
