@@ -23,7 +23,7 @@ from _table import leave
 from _timing import options
 
 from deltaid.control.controllers import Controller, ControlModel, Desired
-from deltaid.control.infeasible import of_motion
+from deltaid.control.infeasible import motion_problems
 from deltaid.control.plant import Held, Plant, point_mass
 from deltaid.control.tracking import Drives, Knowledge, MotionTrajectory, Tracking, gains, track
 from deltaid.identification.demo import demonstrate
@@ -94,7 +94,7 @@ def shortest(truth: Model, mass: float) -> Picks:
     while way < 3.0:
         picks = Picks(truth.home, way)
         trajectory = MotionTrajectory(truth.dynamics.kinematics, picks, picks.duration)
-        if not of_motion(truth.with_load(point_mass(mass)), trajectory):
+        if not motion_problems(truth.with_load(point_mass(mass)), trajectory):
             return picks
         way *= 1.05
     raise SystemExit(f"{truth.name} does not move {mass:g} kg")

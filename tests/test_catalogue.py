@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 from scipy.stats import qmc
 
 from deltaid.control.controllers import ControlModel
-from deltaid.control.infeasible import of_motion, of_tracking
+from deltaid.control.infeasible import motion_problems, tracking_problems
 from deltaid.control.tracking import Drives, MotionTrajectory, gains, track
 from deltaid.dynamics.limits import AtRest
 from deltaid.model.model import Model, load
@@ -228,11 +228,11 @@ def test_it_runs_a_motion_within_its_limits(machine: Model) -> None:
     rng = np.random.default_rng(0)
     motion = tamed(machine.dynamics, machine.p, random_motion(machine.dynamics.kinematics, rng))
     trajectory = MotionTrajectory(machine.dynamics.kinematics, motion, 1.0)
-    assert of_motion(machine, trajectory) == ()
+    assert motion_problems(machine, trajectory) == ()
     known = ControlModel(machine.robot, machine.p)
     law = gains("computed-torque", known, trajectory, 20.0)
     followed = track(machine, law, known, trajectory, Drives())
-    assert of_tracking(machine, followed) == ()
+    assert tracking_problems(machine, followed) == ()
     assert followed.error.platform_max < 1e-3
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from command import accepted, run
 from deltaid.control.comparison import ControllerRun
-from deltaid.control.infeasible import of_motion, of_tracking
+from deltaid.control.infeasible import motion_problems, tracking_problems
 from deltaid.control.tracking import Drives, MotionTrajectory, Tracking
 from deltaid.dynamics.limits import LimitsAlong
 from deltaid.model.model import Model, load
@@ -53,7 +53,7 @@ def test_the_demonstrations_motions_keep_every_limit(name: str) -> None:
     use = use_of(model, motion)
     assert max(use.values()) <= 1.005
     assert max(v for k, v in use.items() if k.endswith((" torque", " force"))) <= 0.81
-    assert of_motion(model, MotionTrajectory(model.dynamics.kinematics, motion, 10.0)) == ()
+    assert motion_problems(model, MotionTrajectory(model.dynamics.kinematics, motion, 10.0)) == ()
 
 
 def test_only_what_is_too_fast_is_tamed(robot: Model, wild: FourierMotion) -> None:
@@ -69,7 +69,7 @@ def test_only_what_is_too_fast_is_tamed(robot: Model, wild: FourierMotion) -> No
 def test_torque_beyond_a_limit_has_drive_size_time_and_share(
     robot: Model, wild: FourierMotion
 ) -> None:
-    (problem,) = of_motion(robot, MotionTrajectory(robot.dynamics.kinematics, wild, 10.0))
+    (problem,) = motion_problems(robot, MotionTrajectory(robot.dynamics.kinematics, wild, 10.0))
     z, zd, zdd = wild.evaluate(TIME)
     _, qd, qdd = robot.dynamics.kinematics.drive_motion(z, zd, zdd)
     tau = np.abs(robot.dynamics.torque(z, qd, qdd, robot.p)[:, 3])
@@ -98,7 +98,7 @@ def test_speed_and_workspace_have_words_of_their_own(
 ) -> None:
     narrow = load(robot.robot.changed(**change))
     trajectory = MotionTrajectory(narrow.dynamics.kinematics, wild, 10.0)
-    found = {p.what: p for p in of_motion(narrow, trajectory)}
+    found = {p.what: p for p in motion_problems(narrow, trajectory)}
     assert found[what].kind == kind
     assert found[what].size == pytest.approx(use_of(narrow, wild)[what], rel=0.01)
 
@@ -124,33 +124,33 @@ def followed(robot: Model, samples: int = 1000) -> Tracking:
 
 def test_what_a_controller_loses(robot: Model) -> None:
     good = followed(robot)
-    assert of_tracking(robot, good) == ()
+    assert tracking_problems(robot, good) == ()
     cut = good.saturated.copy()
     cut[200:600, 1] = True
-    (problem,) = of_tracking(robot, replace(good, saturated=cut))
+    (problem,) = tracking_problems(robot, replace(good, saturated=cut))
     assert (problem.kind, problem.what, problem.share) == ("saturated", "drive2", 0.4)
     assert "torque limit of drive2 for 40 % of the time, from 0.2 s on" in problem.text
     turned = good.z.copy()
     turned[500:, 3] += 4 * np.pi
-    (problem,) = of_tracking(robot, replace(good, z=turned))
+    (problem,) = tracking_problems(robot, replace(good, z=turned))
     assert (problem.kind, problem.short) == ("turn", "tool off by 2 turns")
     away = good.z.copy()
     away[700:, 0] += 0.1
-    (problem,) = of_tracking(robot, replace(good, z=away))
+    (problem,) = tracking_problems(robot, replace(good, z=away))
     assert (problem.kind, problem.share) == ("diverged", pytest.approx(0.3))
     assert "100 mm from where it should be" in problem.text
-    (problem,) = of_tracking(robot, replace(good, ended=0.25))
+    (problem,) = tracking_problems(robot, replace(good, ended=0.25))
     assert (problem.kind, problem.time) == ("lost", 0.25)
 
 
 def test_a_comparison_praises_nobody_on_a_motion_that_cannot_be_run(
     robot: Model, wild: FourierMotion
 ) -> None:
-    of_it = of_motion(robot, MotionTrajectory(robot.dynamics.kinematics, wild, 1.0))
+    of_it = motion_problems(robot, MotionTrajectory(robot.dynamics.kinematics, wild, 1.0))
     good = followed(robot)
     shaken = replace(good, saturated=np.ones_like(good.saturated))
     runs = tuple(
-        ControllerRun("computed-torque", name, result, "", of_tracking(robot, result))
+        ControllerRun("computed-torque", name, result, "", tracking_problems(robot, result))
         for name, result in (("prior", good), ("identified", shaken))
     )
     page = comparison_page(robot.robot, runs, "a", Drives(), 10.0, of_it)

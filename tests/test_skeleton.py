@@ -18,7 +18,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.robot.load import load_robot
 from deltaid.robot.platform import RigidPlatform
-from deltaid.studio.stand import stand
+from deltaid.studio.stand import robot_at
 from deltaid.view.animation import animation, placed, robot_lines
 from deltaid.view.drawing import drawing
 from joint_places import direction, poses, prior_oracle, tool_point
@@ -185,7 +185,7 @@ def test_a_drawing_is_a_picture_of_the_lines(name: str) -> None:
 def test_cylinders_on_a_stage_join_the_ends_of_lines() -> None:
     robot, _, skeleton = drawn("clavel-delta3")
     z = poses(robot, 1)[0]
-    _, cylinders = stand("clavel-delta3", "", z.tolist(), z.tolist())
+    _, cylinders = robot_at("clavel-delta3", "", z.tolist(), z.tolist())
     turns = Rotation.from_quat(cylinders.wxyz[:, [1, 2, 3, 0]])
     half = turns.apply([0.0, 0.0, 1.0]) * 0.5 * cylinders.scales[:, 2:]
     ends = np.stack([cylinders.positions - half, cylinders.positions + half], axis=1)

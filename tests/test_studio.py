@@ -12,7 +12,7 @@ from deltaid.checks.verdicts import robot_text
 from deltaid.errors import DeltaidError
 from deltaid.model.record import Settings
 from deltaid.robot.load import catalogue_text, described_in, load_robot
-from deltaid.studio.edits import difference, own_copy
+from deltaid.studio.edits import difference, editable_copy
 from deltaid.studio.folder import ConflictError, Folder
 from deltaid.studio.jobs import Job, error_in
 from deltaid.studio.look import MinMax
@@ -215,7 +215,7 @@ def test_a_defect_is_one_sentence() -> None:
 
 
 def test_cures_of_a_robot_leave_its_comments(folder: Folder) -> None:
-    name = own_copy(folder, "clavel-delta3")
+    name = editable_copy(folder, "clavel-delta3")
     assert name == "clavel-delta3.yaml"
     before = folder.text(name)
     path = folder.path(name)

@@ -18,8 +18,8 @@ from deltaid.studio.folder import Folder
 from deltaid.studio.jobs import Job
 from deltaid.studio.plan import Plan, Used
 from deltaid.studio.runs import new_run, runs
-from deltaid.studio.session import FileEdit, Session, draft_key, standing, unmapped
-from deltaid.studio.stand import stage, stand
+from deltaid.studio.session import FileEdit, Session, draft_key, stage_states, unmapped
+from deltaid.studio.stand import robot_at, stage
 from deltaid.studio.steps import check_step, excite_step
 
 
@@ -42,10 +42,10 @@ def test_a_reading_process_that_is_killed_is_one_message_and_comes_back(session:
     async def scenario() -> None:
         try:
             with pytest.raises(DeltaidError, match="process that reads files was ended"):
-                await session.look(_dies_once, mark)
-            assert await session.look(_dies_once, mark) == "alive"
+                await session.read_cached(_dies_once, mark)
+            assert await session.read_cached(_dies_once, mark) == "alive"
             missing = str(session.folder.root / "none.csv")
-            for ask in (session.look, session.glance):
+            for ask in (session.read_cached, session.read):
                 with pytest.raises(DeltaidError, match=r"^none\.csv: no such file"):
                     await ask(count_columns, missing)
         finally:
@@ -165,11 +165,11 @@ def test_a_recording_that_vanishes_is_missing(session: Session) -> None:
     (session.folder.root / "mapping.yaml").write_text("time: {column: t}\n")
     session.store.change(lambda plan: plan.changed(robot="h4").with_recording(used))
     assert unmapped(session) == []
-    assert standing(session)["recording"] == "done"
+    assert stage_states(session)["recording"] == "done"
     (session.folder.root / "log.csv").unlink()
     assert session.store.look()
     assert unmapped(session) == ["log.csv"]
-    assert standing(session)["recording"] == "open"
+    assert stage_states(session)["recording"] == "open"
 
 
 def test_the_recording_that_is_tested_on_needs_a_mapping_too(session: Session) -> None:
@@ -188,7 +188,7 @@ def test_no_tick_before_a_mapping_is_complete(session: Session) -> None:
     (session.folder.root / "log.csv").write_text("t,a,b,c\n0,1,2,3\n")
     used = Used(file="log.csv", mapping="mapping.yaml")
     session.store.change(lambda plan: plan.changed(robot="clavel-delta3").with_recording(used))
-    assert standing(session)["recording"] == "open"  # there is no such file
+    assert stage_states(session)["recording"] == "open"  # there is no such file
     mapping, whole = session.folder.root / "mapping.yaml", "torque: {columns: [a, b, c], unit: A"
     for text, state in (
         (f"{whole}}}\n", "open"),
@@ -196,10 +196,10 @@ def test_no_tick_before_a_mapping_is_complete(session: Session) -> None:
         (f"{whole}, torque_constant: 0.1\n", "open"),
     ):
         mapping.write_text(text)
-        assert standing(session)["recording"] == state
+        assert stage_states(session)["recording"] == state
     mapping.write_text(f"{whole}, torque_constant: 0.1}}\n")
     session.drafts[draft_key(used)] = FileEdit("", {})  # half edited in some tab
-    assert standing(session)["recording"] == "open"
+    assert stage_states(session)["recording"] == "open"
 
 
 @pytest.mark.parametrize(
@@ -246,15 +246,15 @@ def test_a_folder_that_may_not_be_written_to_is_said(tmp_path: Path) -> None:
 def test_a_robot_that_does_not_reach_stays_and_says_why(tmp_path: Path) -> None:
     found = stage("clavel-delta3", "")
     assert [axis.name for axis in found.axes] == ["x", "y", "z"]
-    view, home = stand("clavel-delta3", "", found.home, found.home)
+    view, home = robot_at("clavel-delta3", "", found.home, found.home)
     assert view.message == ""
     assert home.positions.shape == (len(found.colors), 3)
     struts = [k for k, color in enumerate(found.colors) if color == found.legend["struts"]]
     assert home.scales[struts, 2] == pytest.approx(1.055)
-    view, far = stand("clavel-delta3", "", (5.0, 0.0, -1.0), found.home)
+    view, far = robot_at("clavel-delta3", "", (5.0, 0.0, -1.0), found.home)
     assert "stays where it was" in view.message
     assert far.positions == pytest.approx(home.positions)
-    view, _ = stand("clavel-delta3", "", (0.0, 0.0, found.axes[2].low), found.home)
+    view, _ = robot_at("clavel-delta3", "", (0.0, 0.0, found.axes[2].low), found.home)
     assert "workspace height" in view.message
 
 
@@ -273,5 +273,5 @@ def test_a_robot_file_that_changes_is_shown_as_it_is(tmp_path: Path) -> None:
 def test_turns_are_asked_for_in_degrees() -> None:
     found = stage("irb360-6-1600", "")
     assert found.axes[3].unit == "deg"
-    turned, _ = stand("irb360-6-1600", "", (*found.home[:3], 30.0), found.home)
+    turned, _ = robot_at("irb360-6-1600", "", (*found.home[:3], 30.0), found.home)
     assert turned.z[3] == pytest.approx(0.5236, abs=1e-4)

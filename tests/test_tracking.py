@@ -16,7 +16,7 @@ from deltaid.control.controllers import (
     Desired,
     tuned,
 )
-from deltaid.control.infeasible import of_tracking
+from deltaid.control.infeasible import tracking_problems
 from deltaid.control.plant import Plant
 from deltaid.control.simulate import Conditions
 from deltaid.control.tracking import Drives, Tracking, gains, open_trajectory, track
@@ -153,7 +153,7 @@ def test_page_of_a_comparison_counts_nobody_who_was_lost() -> None:
     runs = (
         ControllerRun("pd-feedforward", "prior", made_up(0.05, 0.1)),
         ControllerRun("pd-feedforward", "identified", made_up(0.0002, 0.003)),
-        ControllerRun("computed-torque", "prior", lost, "", of_tracking(load(robot), lost)),
+        ControllerRun("computed-torque", "prior", lost, "", tracking_problems(load(robot), lost)),
         ControllerRun("computed-torque", "identified", made_up(0.001, 0.0)),
     )
     page = comparison_page(robot, runs, "a on b", Drives(delay=2), 12.0)

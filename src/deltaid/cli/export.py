@@ -246,7 +246,7 @@ def online(
             "smallest_force": {"best": watched.best, "worst": watched.worst},
             "warnings": list(watched.doubts),
         },
-        [view.verdict(watched).sentence, *view.told_lines(watched)],
+        [view.verdict(watched).sentence, *view.result_lines(watched)],
         [table for table in tables if table.rows],
         full=full,
         files=(output, report),

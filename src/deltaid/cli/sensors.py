@@ -142,7 +142,7 @@ def sensors(
     write_files((report, lambda path: show.report(plan, path, shown)))
     if not as_json:
         note_planned(plan.model)
-    hidden, card = view.untold(plan), view.plan_card(plan)
+    hidden, card = view.undetermined(plan), view.plan_card(plan)
     details = [
         f"planned for {plan.motion}, torque noise {percent(settings.torque_noise)} of each drive's "
         f"largest torque, {settings.rate:g} independent samples a second, prior "

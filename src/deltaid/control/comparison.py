@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from deltaid.control.controllers import CONTROLLERS, NEED_MASS_MATRIX, ControlModel
-from deltaid.control.infeasible import MotionProblem, of_motion, of_tracking
+from deltaid.control.infeasible import MotionProblem, motion_problems, tracking_problems
 from deltaid.control.options import ControllerName, ControlSettings
 from deltaid.control.simulate import Conditions, conditions
 from deltaid.control.tracking import Tracking, Trajectory, gains, poses
@@ -91,7 +91,7 @@ def compare_controllers(
     asked = with_options(settings or ControlSettings(), options, "compare_controllers")
     with watched(progress, "compare") as say:
         on = conditions(asked, model, motion, plant, columns, duration, say)
-        problems, models = of_motion(on.loaded.model_at(0.0), on.motion), candidates(on.model)
+        problems, models = motion_problems(on.loaded.model_at(0.0), on.motion), candidates(on.model)
         runs = compare(on, models, say)
     return Comparison(on, models, runs, problems)
 
@@ -160,7 +160,7 @@ def compare(
                 runs.append(ControllerRun(name, label, None, why))
                 continue
             done, ends = on.tracked(law, model)
-            problems = of_tracking(on.plant.model, done)
+            problems = tracking_problems(on.plant.model, done)
             runs.append(ControllerRun(name, label, done, "", problems, ends))
     return tuple(runs)
 

@@ -56,7 +56,7 @@ class MotionProblem:
     share: float
 
 
-def of_motion(plant: Model, trajectory: Trajectory) -> tuple[MotionProblem, ...]:
+def motion_problems(plant: Model, trajectory: Trajectory) -> tuple[MotionProblem, ...]:
     """Limits of a plant that a motion breaks, before any controller.
 
     Torques are those of the plant's inverse dynamics, which a perfect controller would apply.
@@ -127,7 +127,7 @@ def _kinematic(name: str) -> tuple[Kind, str]:
     return "range", f"the motion leaves what the robot may reach, by its limit “{name}”"
 
 
-def of_tracking(plant: Model, result: Tracking) -> tuple[MotionProblem, ...]:
+def tracking_problems(plant: Model, result: Tracking) -> tuple[MotionProblem, ...]:
     """Faults of a motion under a controller."""
     valid, robot = result.valid, plant.robot
     time, problems = result.time[valid], list[MotionProblem]()

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from deltaid.control.controllers import CONTROLLERS, Controller, ControlModel
-from deltaid.control.infeasible import MotionProblem, of_motion, of_tracking
+from deltaid.control.infeasible import MotionProblem, motion_problems, tracking_problems
 from deltaid.control.options import ControllerName, ControlSettings
 from deltaid.control.plant import Payload, Plant, as_payload
 from deltaid.control.tracking import (
@@ -187,9 +187,9 @@ def simulate(
         if on.payload is not None and payload_known:
             known = known.holding(on.payload.mass)
         law = gains(controller, known, on.motion, on.bandwidth)
-        problems = of_motion(on.loaded.model_at(0.0), on.motion)
+        problems = motion_problems(on.loaded.model_at(0.0), on.motion)
         result, ends = on.tracked(law, known)
-        problems += of_tracking(on.plant.model, result)
+        problems += tracking_problems(on.plant.model, result)
     return Simulation(controller, on, result, problems, payload_known, ends)
 
 

@@ -199,7 +199,7 @@ def proposed_changes(verdict: Mapping[str, Any], file: str) -> list[tuple[str, o
     return [(key, value) for proposal in proposals for key, value in proposal["changes"].items()]
 
 
-def own_copy(folder: Folder, robot: str) -> str:
+def editable_copy(folder: Folder, robot: str) -> str:
     """The editable file of a robot; that of a catalogue robot is written into the folder.
 
     Raises:

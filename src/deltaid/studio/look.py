@@ -153,7 +153,7 @@ def mapping_cured(
 
 
 @dataclass(frozen=True)
-class Beside:
+class TorqueCurves:
     """Predictions of models for a recording.
 
     Attributes:
@@ -172,7 +172,7 @@ def torques(
     mapping: str | None,
     models: Sequence[str],
     span: tuple[float, float] | None = None,
-) -> Beside:
+) -> TorqueCurves:
     """Measured torques of a recording, and predictions of models.
 
     Args:
@@ -200,7 +200,7 @@ def torques(
         curves += thinned("torques", k, seen.predicted)
         curves += thinned("errors", k, seen.predicted - seen.measured)
     nrmse = np.array([nrmse for _, nrmse in compared])
-    return Beside(tuple(robot.drives), tuple(curves), nrmse)
+    return TorqueCurves(tuple(robot.drives), tuple(curves), nrmse)
 
 
 @lru_cache(REMEMBERED)

@@ -30,7 +30,7 @@ from deltaid.studio.folder import Folder
 from deltaid.studio.jobs import GRACE
 from deltaid.studio.pages.frame import build
 from deltaid.studio.session import Session
-from deltaid.view.own_page import HOST, is_own
+from deltaid.view.own_page import HOST, same_origin
 
 _REFUSED = (
     "Not the studio's own page: open the address that `deltaid studio` has printed last; each "
@@ -80,7 +80,7 @@ class Guard:
         asked, websocket = HTTPConnection(scope), scope["type"] == "websocket"
         hosts, origins = asked.headers.getlist("host"), asked.headers.getlist("origin")
         # A cookie belongs to one host name of this machine, and so must the page.
-        if is_own(hosts, origins, self.port, websocket=websocket) and (
+        if same_origin(hosts, origins, self.port, websocket=websocket) and (
             not origins or origins[0].lower() == f"http://{hosts[0].lower()}"
         ):
             if not websocket and _equal(asked.query_params.get("key", ""), self.key):

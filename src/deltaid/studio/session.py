@@ -115,7 +115,7 @@ class Session:
             return ""
         return str(output(self.folder, last).get("grade", ""))
 
-    async def look(self, function: Callable[..., _Found], *given: Any) -> _Found:
+    async def read_cached(self, function: Callable[..., _Found], *given: Any) -> _Found:
         """Call a function on files in a separate process; the result is cached until they change.
 
         Raises:
@@ -127,12 +127,12 @@ class Session:
             *(self.stamped(name) for name in given if isinstance(name, str)),
         )
         if key not in self._seen:
-            self._seen[key] = await self.glance(function, *given)
+            self._seen[key] = await self.read(function, *given)
             for oldest in list(self._seen)[:-REMEMBERED]:
                 del self._seen[oldest]
         return self._seen[key]
 
-    async def glance(self, function: Callable[..., _Found], *given: Any) -> _Found:
+    async def read(self, function: Callable[..., _Found], *given: Any) -> _Found:
         """Call a function in the separate process without the cache."""
         pool, loop = self.warm(), asyncio.get_running_loop()
         try:
@@ -189,7 +189,7 @@ def _described(robot: str, _changed: str) -> RobotDescription:
     return described(robot)
 
 
-def standing(session: Session) -> dict[str, str]:
+def stage_states(session: Session) -> dict[str, str]:
     """State of each stage by name: 'done', 'open', 'wrong' or 'later'."""
     plan, robot = session.plan, session.robot()
     stages: dict[str, str] = dict.fromkeys(STAGES, "later")

@@ -75,7 +75,7 @@ def stage(robot: str, changed: str) -> Stage:
     )
 
 
-def stand(
+def robot_at(
     robot: str, changed: str, wanted: Sequence[float], before: Sequence[float]
 ) -> tuple[View, Placement]:
     """Readings of a robot at a pose, and the places of its segments; out of reach it keeps its last

@@ -109,7 +109,7 @@ def calibration_card(calibration: Calibration) -> Card:
         number_table(calibration),
         tuple(("not known", text) for text in _not_known(calibration)),
         (".robot", '.save("robot.yaml")', ".plot()", ".to_frame()", '.report("x.html")'),
-        told=tuple(session_lines(calibration)),
+        prompt_lines=tuple(session_lines(calibration)),
     )
 
 

@@ -123,7 +123,7 @@ def verdicts_card(value: Verdicts | Verdict) -> Card:
         f"Checked: {', '.join([_title(value, 'the description'), *map(_name, value.sources)])}",
         (f"{value.grade}: {tally(value)}" if value else "nothing was checked",),
         value.grade if value else "",
-        told=tuple(lines),
+        prompt_lines=tuple(lines),
         table=page_table(poor) if poor else None,
         more=tuple((title, part) for title, part in more.items() if part),
         methods=(*(cure[file] for file in files_of(value)), ".to_frame()", '.report("x.html")'),

@@ -30,7 +30,7 @@ def forces_card(value: Forces) -> Card:
         said.grade,
         table=tables(value)[0],
         more=warnings,
-        told=tuple(title for title, _ in warnings),
+        prompt_lines=tuple(title for title, _ in warnings),
         methods=(
             *(".findings", ".warnings", ".plot()", ".to_frame()"),
             *('.save("x.csv")', '.report("x.html")'),

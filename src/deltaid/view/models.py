@@ -123,7 +123,7 @@ def feed_forward_card(value: FeedForward) -> Card:
         f"Torques of {robot.title or robot.name} along {recording.path.name}",
         (f"{value.rows} of {value.samples} rows have torques{low_passed}",),
         more=warnings,
-        told=tuple(title for title, _ in warnings),
+        prompt_lines=tuple(title for title, _ in warnings),
         methods=(".warnings", ".to_frame()", '.save("torque.csv")'),
     )
 

@@ -55,7 +55,7 @@ def online_page(watched: Watched, title: str) -> Page:
                 "Contacts", (touches, *_forces(watched)), "when, where, how hard", unfolded=True
             ),
             Section(
-                "What can be detected", (_least_forces(watched), *map(Text, told_lines(watched)))
+                "What can be detected", (_least_forces(watched), *map(Text, result_lines(watched)))
             ),
             Section("Friction", (friction_table(watched),), "what was followed of it"),
         ),
@@ -72,10 +72,10 @@ def verdict(watched: Watched) -> Summary:
         f"{watched.cycles / watched.rate:.4g} s."
     )
     if not doubts:
-        return Summary(Trust.GOOD, text, told_lines(watched))
+        return Summary(Trust.GOOD, text, result_lines(watched))
     which = "a warning" if doubts == 1 else f"{doubts} warnings"
     said = f"Doubtful: read {which} below before any of it is believed."
-    return Summary(Trust.FAIR, said, (text, *told_lines(watched)))
+    return Summary(Trust.FAIR, said, (text, *result_lines(watched)))
 
 
 def _mass(watched: Watched) -> Figure:
@@ -214,7 +214,7 @@ def _at_most(watched: Watched) -> str:
     return f"at most {watched.false_alarms:g} false alarm{several} an hour"
 
 
-def told_lines(watched: Watched) -> tuple[str, ...]:
+def result_lines(watched: Watched) -> tuple[str, ...]:
     """Smallest detectable force, unused cycles, and the computing time of a cycle."""
     bad = f"{watched.bad} of {watched.cycles} cycles could not be used"
     return (

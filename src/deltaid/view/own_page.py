@@ -55,7 +55,9 @@ def answering_own_page_only() -> Generator[None, None, None]:
 
         def process(connection: Any, request: Any) -> Any:
             hosts, origins, upgrades = map(request.headers.get_all, ("Host", "Origin", "Upgrade"))
-            if not is_own(hosts, origins, connection.local_address[1], websocket=bool(upgrades)):
+            if not same_origin(
+                hosts, origins, connection.local_address[1], websocket=bool(upgrades)
+            ):
                 return connection.respond(HTTPStatus.FORBIDDEN, "not this server's own page\n")
             return process_request(connection, request)
 
@@ -74,7 +76,9 @@ def answering_own_page_only() -> Generator[None, None, None]:
         )
 
 
-def is_own(hosts: Sequence[str], origins: Sequence[str], port: int, *, websocket: bool) -> bool:
+def same_origin(
+    hosts: Sequence[str], origins: Sequence[str], port: int, *, websocket: bool
+) -> bool:
     """Whether a request names this server and comes from its own page.
 
     Args:

@@ -28,7 +28,7 @@ _SOURCES = {
     "unseen": "not shown",
 }
 # Sources that are shown only for models that have them.
-_BESIDE = ("sensors", "measured")
+_OPTIONAL = ("sensors", "measured")
 
 
 def parameter_section(model: IdentifiedModel) -> Section:
@@ -81,14 +81,14 @@ def parameter_chart(model: IdentifiedModel) -> Figure:
         ("fixed", "held by the description", style.PRIOR, "line-ns-open"),
         ("consistency", "lower bound", style.PRIOR, "triangle-right-open"),
     ):
-        own = [p for p in shown if p.determined_by == kind]
-        if not own:
+        of_kind = [p for p in shown if p.determined_by == kind]
+        if not of_kind:
             continue
-        down, up = zip(*(_reach(p) for p in own), strict=True)
+        down, up = zip(*(_reach(p) for p in of_kind), strict=True)
         bars = {"array": up, "arrayminus": down, "thickness": 1.6, "width": 3}
         figure.add_scatter(
-            x=[_change(p) for p in own],
-            y=[style.label(p.name) for p in own],
+            x=[_change(p) for p in of_kind],
+            y=[style.label(p.name) for p in of_kind],
             error_x=bars if kind in MEASURED else None,
             name=name,
             mode="markers",
@@ -134,8 +134,8 @@ def share_table(model: IdentifiedModel) -> Table:
     shown += [(f"base: {group.representative}", group.share) for group in model.base_parameters]
     known = [(name, share) for name, share in shown if share is not None]
     keys = _keys([share for _, share in known])
-    beside = [_SOURCES[key] for key in keys if key in _BESIDE]
-    more = f", of {' and of '.join(beside)}" if beside else ""
+    optional = [_SOURCES[key] for key in keys if key in _OPTIONAL]
+    more = f", of {' and of '.join(optional)}" if optional else ""
     return Table(
         ("what decided", *(_SOURCES[key] for key in keys)),
         tuple((name, *(_percent(getattr(share, key)) for key in keys)) for name, share in known),
@@ -171,7 +171,7 @@ def _keys(shares: Sequence[Share]) -> list[str]:
     return [
         key
         for key in _SOURCES
-        if key not in _BESIDE or any(getattr(share, key) for share in shares)
+        if key not in _OPTIONAL or any(getattr(share, key) for share in shares)
     ]
 
 

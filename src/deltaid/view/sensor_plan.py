@@ -32,7 +32,7 @@ def chosen_entries(plan: SensorPlan) -> tuple[str, ...]:
     return tuple(names[:7])
 
 
-def untold(plan: SensorPlan) -> tuple[str, ...]:
+def undetermined(plan: SensorPlan) -> tuple[str, ...]:
     """Entries that neither torques nor any offer determines."""
     every = (plan.torques, plan.described, *plan.uses)
     least = np.min([outlook.shares for outlook in every], axis=0) / plan.unknowns.spread
@@ -42,7 +42,7 @@ def untold(plan: SensorPlan) -> tuple[str, ...]:
 
 def known_entries(plan: SensorPlan) -> list[int]:
     """Indices of the entries and gains that some measurement determines."""
-    hidden, u = untold(plan), plan.unknowns
+    hidden, u = undetermined(plan), plan.unknowns
     owned = (k for k, name in enumerate(u.names) if u.owners[k] or name.startswith("gain."))
     return [k for k in owned if u.names[k] not in hidden]
 

@@ -21,7 +21,7 @@ from deltaid.view.sensor_plan import (
     stages,
     step_table,
     stopped,
-    untold,
+    undetermined,
     use_table,
 )
 
@@ -40,7 +40,7 @@ def plan_page(plan: SensorPlan, entries: Sequence[str] | None = None) -> Page:
     robot, now = plan.model.robot, plan.described
     known = DESCRIBED if plan.has_described else TORQUES
     open_now = next(opening for opening in plan.openings if opening.name == known).null
-    hidden = Text(f"Nothing of the list determines much of {', '.join(untold(plan))}.")
+    hidden = Text(f"Nothing of the list determines much of {', '.join(undetermined(plan))}.")
     settings = plan.settings
     chosen = (
         ("torque noise, share of each drive's largest torque", percent(settings.torque_noise)),
@@ -74,7 +74,7 @@ def plan_page(plan: SensorPlan, entries: Sequence[str] | None = None) -> Page:
             ),
             Section(
                 "The same in numbers",
-                (entry_table(plan), *([hidden] if untold(plan) else [])),
+                (entry_table(plan), *([hidden] if undetermined(plan) else [])),
                 "standard deviations of all entries",
             ),
             Section(

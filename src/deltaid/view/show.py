@@ -76,7 +76,7 @@ class Card:
         title: what the value is.
         lines: sentences; the first is the verdict if there is a grade.
         apart: whether a prompt shows each fact on its own line.
-        told: additional sentences for a prompt, in place of a notebook's table.
+        prompt_lines: additional sentences for a prompt, in place of a notebook's table.
         grade: a word of `Grade`, of models or of checks; empty if the value has none.
         facts: its main numbers, by name.
         table: the numbers as a table, for notebooks; None if facts suffice.
@@ -91,7 +91,7 @@ class Card:
     table: Table | None = None
     more: tuple[tuple[str, "str | Table"], ...] = ()
     methods: tuple[str, ...] = ()
-    told: tuple[str, ...] = ()
+    prompt_lines: tuple[str, ...] = ()
     apart: bool = False
 
     def text(self) -> str:
@@ -99,7 +99,7 @@ class Card:
         facts = [f"{name} {value}" for name, value in self.facts]
         sentences = (
             textwrap.shorten(line, 2 * _LINE, placeholder=" …")
-            for line in (*self.lines, *self.told)
+            for line in (*self.lines, *self.prompt_lines)
         )
         shown = [f"  {fact}" for fact in facts] if self.apart else [", ".join(facts)] * bool(facts)
         folded = list[str]()

@@ -196,7 +196,7 @@ def simulation_card(value: Simulation | Comparison) -> Card:
         f"Simulated tracking: {_title(value)}",
         value.remarks,
         table=table,
-        told=problems,
+        prompt_lines=problems,
         methods=(*more, '.report("x.html")'),
     )
 

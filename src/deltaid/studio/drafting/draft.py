@@ -36,7 +36,7 @@ class Draft:
         origins: origin of each value: given, assumed, or the robot that it was taken from.
         offered: numbers of a robot to start from, which replace assumptions.
         source: that robot.
-        found: the workspace that the lengths allow, once it is computed: found_radius, found_low, …
+        reach: the workspace that the lengths allow, once it is computed: reach_radius, reach_low, …
     """
 
     kind: str
@@ -46,7 +46,7 @@ class Draft:
     origins: Mapping[str, str] = field(default_factory=dict[str, str])
     offered: Mapping[str, float] = field(default_factory=dict[str, float])
     source: str = ""
-    found: Mapping[str, float] = field(default_factory=dict[str, float])
+    reach: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def answered(self, key: str, value: float, origin: str) -> "Draft":
         """The draft with one more answer."""
@@ -87,7 +87,7 @@ class Draft:
             return self.offered[question.key], f"from {self.source}"
         if question.assumed is None:
             return None
-        guess = question.assumed(self.kind, {**self.values, **self.found})
+        guess = question.assumed(self.kind, {**self.values, **self.reach})
         return min(max(guess, question.low), question.high), ASSUMED
 
     def completed(self) -> "Draft":

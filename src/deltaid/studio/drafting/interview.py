@@ -143,7 +143,7 @@ def _with_space(draft: Draft) -> Draft:
     """
     draft = _own_space(draft)
     bare = _without(draft, _SPACE)
-    a = _with_found_space(bare, 1.0, -2.0, -1.0).completed().values
+    a = _with_reach(bare, 1.0, -2.0, -1.0).completed().values
     _require_ordered(a)
     middle, half = height(draft.kind, a), _FIRST * a["strut"]
     if middle <= 2 * half:
@@ -152,13 +152,13 @@ def _with_space(draft: Draft) -> Draft:
             where="--strut",
             cure="a longer strut, or rails that reach farther down",
         )
-    trial = _with_found_space(bare, half, -middle - half, -middle + half).completed()
+    trial = _with_reach(bare, half, -middle - half, -middle + half).completed()
     robot = description(trial)
     if robot.telescope is not None:
         # The assumed stroke follows from the workspace, not the other way round.
         robot = robot.changed(telescope=robot.telescope.changed(stroke=None))
     space = find_space(robot, middle, a["strut"])
-    return _with_found_space(draft, space.radius, *space.z)
+    return _with_reach(draft, space.radius, *space.z)
 
 
 def _own_space(draft: Draft) -> Draft:
@@ -177,14 +177,14 @@ def _without(draft: Draft, keys: tuple[str, ...]) -> Draft:
     )
 
 
-def _with_found_space(draft: Draft, radius: float, low: float, high: float) -> Draft:
-    return replace(draft, found={"found_radius": radius, "found_low": low, "found_high": high})
+def _with_reach(draft: Draft, radius: float, low: float, high: float) -> Draft:
+    return replace(draft, reach={"reach_radius": radius, "reach_low": low, "reach_high": high})
 
 
 def _reach(draft: Draft) -> str:
-    if not draft.found:
+    if not draft.reach:
         return "check the lengths"
-    radius, low, high = (draft.found[f"found_{key}"] for key in _SPACE)
+    radius, low, high = (draft.reach[f"reach_{key}"] for key in _SPACE)
     return (
         f"these lengths reach a radius of {radius:g} m (--radius) between heights of {low:g} m "
         f"(--low) and {high:g} m (--high)"

@@ -68,7 +68,7 @@ def _verdicts(session: Session, run: FinishedRun, seen: bool) -> None:
 
 def _words(verdict: dict[str, Any]) -> None:
     with ui.row().classes("items-center"):
-        parts.grade(verdict["grade"])
+        ui.label(verdict["grade"]).classes(f"grade {verdict['grade'].rpartition(' ')[2]}")
         ui.label(verdict["key"]).classes("text-weight-bold")
     about = "" if verdict["subject"] in verdict["seen"] else f"{verdict['subject']}: "
     ui.label(page_words(f"{about}{verdict['seen']}"))
@@ -99,7 +99,9 @@ async def _offer(
         name = used.mapping or mapping_name(session, used.file)
         before = folder.text(name)
         path, mapping = str(folder.path(used.file)), mapping_of(session, used)
-        after = await session.look(mapping_cured, path, session.place(robot), mapping, changes)
+        after = await session.read_cached(
+            mapping_cured, path, session.place(robot), mapping, changes
+        )
     else:
         name = folder.free_name(f"{robot}.yaml") if robot in catalogue() else robot
         before = catalogue_text(robot) if robot in catalogue() else folder.text(robot)

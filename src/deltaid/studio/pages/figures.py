@@ -12,11 +12,11 @@ from deltaid.recording.contents import Contents
 from deltaid.recording.mapped_columns import NEEDED_OF_DRIVES
 from deltaid.studio import look
 from deltaid.studio.edits import Data, named
-from deltaid.studio.look import Beside, Curve, Preview
+from deltaid.studio.look import Curve, Preview, TorqueCurves
 from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
 from deltaid.studio.session import Session
-from deltaid.studio.stand import Axis, Stage, stage, stand
+from deltaid.studio.stand import Axis, Stage, robot_at, stage
 from deltaid.view.at_pose import View, panel
 from deltaid.view.drawing import Placement
 from deltaid.view.style import stacked
@@ -52,7 +52,7 @@ def curves(seen: Preview, time: str = "time [s]") -> Options:
     return _panels(list(titles.values()), seen.curves, traces, time)
 
 
-def compared_curves(compared: Beside, names: Sequence[str], shown: str) -> Options:
+def compared_curves(compared: TorqueCurves, names: Sequence[str], shown: str) -> Options:
     """Torques or errors, one panel per drive; the time axes are linked.
 
     Args:
@@ -180,7 +180,7 @@ async def _preview_plot(
     path = str(session.folder.path(used.file))
     return await zoomable(
         f"Preview of {used.file}",
-        lambda span: session.look(see, path, *given, span),
+        lambda span: session.read_cached(see, path, *given, span),
         lambda seen: curves(seen, time),
     )
 
@@ -195,7 +195,7 @@ async def live(session: Session, name: str) -> None:
     """The robot, sliders for its platform, and readings of drives and limits."""
     robot, changed = session.place(name), session.stamped(name)
     with parts.waiting():
-        scene = await session.look(stage, robot, changed)
+        scene = await session.read_cached(stage, robot, changed)
     _Live(session, (robot, changed), scene)
 
 
@@ -266,7 +266,7 @@ class _Live:
         """Move the robot to the last requested pose."""
         if self.shown != self.wanted:
             self.shown = self.wanted
-            self._draw(*await self.session.glance(stand, *self.robot, self.wanted, self.place))
+            self._draw(*await self.session.read(robot_at, *self.robot, self.wanted, self.place))
 
     def _draw(self, view: View, placed: Placement) -> None:
         units = np.array([1.0 if axis.unit == "m" else np.rad2deg(1.0) for axis in self.stage.axes])

@@ -8,7 +8,7 @@ from nicegui.client import Client
 from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
 
 from deltaid.studio.pages import check, fit, parts, recording, result, robot, use
-from deltaid.studio.session import STAGES, Session, standing
+from deltaid.studio.session import STAGES, Session, stage_states
 from deltaid.view.own_page import POLL
 
 _TITLES = {
@@ -43,7 +43,7 @@ def build(session: Session) -> None:
 
     @app.get("/")
     def _first() -> Response:
-        states = standing(session)
+        states = stage_states(session)
         stage = next((s for s in STAGES if states[s] in ("open", "wrong")), STAGES[0])
         return RedirectResponse(f"/{stage}", status_code=303)
 
@@ -90,7 +90,7 @@ def _stage(session: Session, stage: str, client: Client) -> None:
         nav.refresh()
         if by_others:
             content.clear()
-            with content, parts.shown():
+            with content, parts.showing_errors():
                 session.folder.require()
                 await _BODIES[stage].body(session)
 
@@ -120,7 +120,7 @@ def _header(session: Session) -> None:
 
 
 def _stepper(session: Session, here: str) -> None:
-    states = standing(session)
+    states = stage_states(session)
     with ui.element("nav").classes("steps").props('aria-label="Stages"'):
         for number, stage in enumerate(STAGES, 1):
             state = states[stage]

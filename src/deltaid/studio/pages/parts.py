@@ -1,17 +1,14 @@
 """Parts of several stages: errors with their fixes, commands to copy, progress, reports, files."""
 
-import tempfile
 from collections.abc import Awaitable, Callable, Generator, Sequence
 from contextlib import contextmanager, nullcontext
 from html import escape
-from pathlib import Path
 from typing import Any, TypeVar
 
-from nicegui import events, ui
+from nicegui import ui
 from nicegui.elements.mixins.value_element import ValueElement
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.folder import Folder, refusing
 from deltaid.studio.plan import Used
 from deltaid.studio.runs import FinishedRun, next_run
 from deltaid.studio.session import Session, unmapped
@@ -22,7 +19,6 @@ _Field = TypeVar("_Field", bound=ValueElement[Any])
 
 # Period at which pages look for changes, too short to be noticed [s].
 REDRAW = 0.1
-_GRADES = {"good": "good", "cannot tell": "tell", "doubtful": "doubtful", "wrong": "wrong"}
 
 
 @contextmanager
@@ -32,12 +28,12 @@ def panel(title: str = "") -> Generator[None, None, None]:
         if title:
             with ui.element("h2"):
                 ui.label(title)
-        with shown():
+        with showing_errors():
             yield
 
 
 @contextmanager
-def shown() -> Generator[None, None, None]:
+def showing_errors() -> Generator[None, None, None]:
     """Show errors raised inside in place: what, where, and the fix."""
     try:
         yield
@@ -61,7 +57,7 @@ def redrawn(draw: Callable[[], Awaitable[None]]) -> Callable[[], Awaitable[None]
 
     async def again() -> None:
         place.clear()
-        with place, shown():
+        with place, showing_errors():
             await draw()
 
     return again
@@ -136,10 +132,6 @@ def change_use(session: Session, used: Used, **values: object) -> None:
 
 def go_to(stage: str, label: str, looks: str = "outline") -> None:
     ui.button(label, on_click=lambda: ui.navigate.to(f"/{stage}")).props(looks)
-
-
-def grade(word: str) -> None:
-    ui.label(word).classes(f"grade {_GRADES.get(word, 'tell')}")
 
 
 def remembered(session: Session, key: str, field: _Field) -> _Field:
@@ -219,59 +211,6 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     ui.html(f"{text}</tbody></table></div>", sanitize=False).classes("w-full")
 
 
-def upload(
-    session: Session,
-    what: str,
-    look: Callable[[Any], object],
-    then: Callable[[str], Awaitable[None] | None],
-    endings: Sequence[str] = (),
-) -> None:
-    """A place to drop files, and a button to choose one.
-
-    Args:
-        what: is dropped, such as 'a robot file'.
-        look: refuses an unsuitable file, in a separate process.
-        then: called with the file's name in the folder.
-        endings: of accepted names; all if empty.
-    """
-
-    async def received(event: events.UploadEventArguments) -> None:
-        name = session.folder.free_name(event.file.name)
-        cure = "make room in the folder, or the right to write to it"
-        with (
-            refusing(name, "cannot be written", cure),
-            tempfile.TemporaryDirectory(prefix=".dropped-", dir=session.folder.root) as place,
-        ):
-            part = Path(place) / name
-            await event.file.save(part)
-            with Folder(Path(part.parent.name)).called_by_name():
-                await session.glance(look, part)
-            name = session.folder.free_name(name)
-            part.replace(session.folder.path(name))
-        if name != event.file.name:
-            ui.notify(f"{event.file.name} is kept as {name}")
-        if (after := then(name)) is not None:
-            await after
-
-    def rejected() -> None:
-        raise DeltaidError(
-            "is not taken", where=what, cure=f"give a file that ends with {' or '.join(endings)}"
-        )
-
-    field = ui.upload(on_upload=received, on_rejected=rejected, auto_upload=True, multiple=True)
-    field.props(f'aria-label="Drop {what} here"').style("display: none")
-    if endings:
-        field.props(f'accept="{",".join(endings)}"')
-    with ui.element("div").classes("drop") as zone:
-        ui.label(f"Drop {what} here, or").classes("dim")
-        ui.button(f"Choose {what}").props("outline dense").on(
-            "click", js_handler=f"() => getElement({field.id}).$refs.qRef.pickFiles()"
-        )
-    add = f"getElement({field.id}).$refs.qRef.addFiles"
-    zone.on("drop", js_handler=f"(e) => {{ e.preventDefault(); {add}(e.dataTransfer.files) }}")
-    zone.on("dragover", js_handler="(e) => e.preventDefault()")
-
-
 def step(
     session: Session,
     kind: Kind,
@@ -313,7 +252,7 @@ def commands(make: Callable[[], Step], *fields: ValueElement[Any]) -> None:
 
     def text() -> None:
         ui.label("In the studio's folder:").classes("dim")
-        both(make())
+        command_and_python(make())
 
     whole = ui.expansion("Command line and Python of this step").classes("w-full").props("dense")
     with whole:
@@ -323,7 +262,7 @@ def commands(make: Callable[[], Step], *fields: ValueElement[Any]) -> None:
         field.on_value_change(lambda: shown.refresh())
 
 
-def both(step: Step | FinishedRun) -> None:
+def command_and_python(step: Step | FinishedRun) -> None:
     code(step.command, "Copy command", "command")
     code(step.python, "Copy Python", "python")
 

@@ -11,6 +11,7 @@ from deltaid.studio.edits import named, read, written
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.figures import preview, signals
 from deltaid.studio.pages.mapping import Form, form
+from deltaid.studio.pages.upload import upload
 from deltaid.studio.plan import Plan, Used
 from deltaid.studio.session import Session, mapping_name
 
@@ -36,7 +37,7 @@ def _files(session: Session, robot: RobotDescription) -> None:
         session.store.change(without)
 
     with parts.panel("Recordings"):
-        parts.upload(session, "a recording", count_columns, partial(_add, session, robot))
+        upload(session, "a recording", count_columns, partial(_add, session, robot))
         ui.label(
             "CSV, Parquet, MATLAB, NumPy, HDF5, TwinCAT scopes, ROS bags; any names of columns."
         ).classes("dim")
@@ -81,7 +82,9 @@ async def _add(session: Session, robot: RobotDescription, name: str) -> None:
 
 
 async def _contents(session: Session, robot: RobotDescription, name: str) -> Contents:
-    return await session.look(read_contents, str(session.folder.path(name)), robot.linear_drives)
+    return await session.read_cached(
+        read_contents, str(session.folder.path(name)), robot.linear_drives
+    )
 
 
 async def _has_columns_of(session: Session, robot: RobotDescription, used: Used, name: str) -> bool:
@@ -127,7 +130,7 @@ def _figure(state: Form, used: Used, contents: Contents, place: ui.column) -> No
             return
         drawn = wanted
         place.clear()
-        with place, parts.shown():
+        with place, parts.showing_errors():
             if state.missing:
                 await signals(state.session, used, contents, state.data, state.dof)
             else:

@@ -6,7 +6,7 @@ from typing import Any
 from nicegui import ui
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.look import Beside, torques
+from deltaid.studio.look import TorqueCurves, torques
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.figures import compared_curves, zoomable
 from deltaid.studio.plan import Used
@@ -39,7 +39,7 @@ async def body(session: Session) -> None:
 
 def _commands(run: FinishedRun) -> None:
     with ui.expansion("Command line and Python of this run").classes("w-full").props("dense"):
-        parts.both(run)
+        parts.command_and_python(run)
 
 
 def _validate(session: Session, run: FinishedRun) -> None:
@@ -131,10 +131,12 @@ def _name(session: Session, run: FinishedRun) -> str:
     return f"{run.name} {given}" if given else run.name
 
 
-async def _look(session: Session, runs: list[FinishedRun], used: Used, span: Any = None) -> Beside:
+async def _look(
+    session: Session, runs: list[FinishedRun], used: Used, span: Any = None
+) -> TorqueCurves:
     path, mapping = str(session.folder.path(used.file)), mapping_of(session, used)
     models = tuple(str(session.folder.path(run.file("model.yaml"))) for run in runs)
-    return await session.look(torques, path, mapping, models, span)
+    return await session.read_cached(torques, path, mapping, models, span)
 
 
 async def _along(session: Session, runs: list[FinishedRun], used: Used, shown: str) -> None:

@@ -12,10 +12,11 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import catalogue, catalogue_text, described_in, read_text
 from deltaid.studio.drafting.interview import drafted, new_step
 from deltaid.studio.drafting.questions import KINDS, Question, questions_of
-from deltaid.studio.edits import own_copy
+from deltaid.studio.edits import editable_copy
 from deltaid.studio.folder import ConflictError
 from deltaid.studio.pages import parts
 from deltaid.studio.pages.figures import live
+from deltaid.studio.pages.upload import upload
 from deltaid.studio.runs import FinishedRun
 from deltaid.studio.session import FileEdit, Session
 from deltaid.studio.steps import show_step
@@ -56,10 +57,10 @@ def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> No
             if chosen in catalogue():
                 ui.button(
                     "Edit a copy of it",
-                    on_click=lambda: take(own_copy(session.folder, chosen or "")),
+                    on_click=lambda: take(editable_copy(session.folder, chosen or "")),
                 )
         # The editor shows what is wrong with a file's text.
-        parts.upload(session, "a robot file", read_text, take, YAML_ENDINGS)
+        upload(session, "a robot file", read_text, take, YAML_ENDINGS)
         describe(session)
         if isinstance(robot, RobotDescription):
             facts = {
@@ -129,7 +130,7 @@ def describe(session: Session) -> None:
 
         async def write() -> None:
             with parts.waiting():
-                text = await session.glance(
+                text = await session.read(
                     drafted, kind.value, name.partition(".")[0], dict(answers)
                 )
             session.folder.write(name, text)
@@ -234,7 +235,7 @@ class _Editor:
         for button in self.buttons:
             button.set_enabled(text != self.before)
         self.said.clear()
-        with self.said, parts.shown():
+        with self.said, parts.showing_errors():
             described_in(text, self.name)
             if text != self.before:
                 parts.note("Valid; not saved yet.", "good")
