@@ -63,31 +63,32 @@ class Source(Part):
     rate_hz: float
     cutoff_hz: float | None = None
     motion_cutoff_hz: float | None = Field(
-        default=None, description="of the positions; missing in earlier files"
+        default=None, description="cut-off of the positions' filter; missing in earlier files"
     )
     used_samples: int
     left_out: tuple[LeftOut, ...] = Field(
-        default=(), description="what was excluded; missing in earlier files"
+        default=(), description="excluded rows; missing in earlier files"
     )
     delay: tuple[Delay, ...] = Field(
-        default=(), description="by how much torques of each drive are late [s]; empty: none"
+        default=(), description="lag of each drive's torque [s]; empty without lags"
     )
     filters: tuple[float, ...] = Field(
-        default=(), description="time constants of drives' filters among it [s]; empty: none"
+        default=(),
+        description="time constants of the drives' filters, part of the lag [s]; empty without",
     )
     growth: tuple[float, float, float] | None = Field(
         default=None,
-        description="rate at which the delay grows, the time at which it is the one above, and how "
-        "far other times are from there at most [s]; missing where clocks agree",
+        description="rate at which the delay grows, time at which it has the value above, and "
+        "largest distance of other times from that [s]; missing if the clocks agree",
     )
     drift: tuple[tuple[float, float], ...] = Field(
         default=(),
-        description="how torque constants drift along it, by a s + b s² at the share s of its "
-        "time; a and b of each drive, empty where they do not",
+        description="drift of torque constants along the recording, a s + b s² at the share s of "
+        "its time: a and b of each drive; empty without drift",
     )
     events: tuple[Event, ...] = Field(
         default=(),
-        description="what acted on the robot beside its drives; missing in earlier files",
+        description="forces on the robot besides those of its drives; missing in earlier files",
     )
 
 

@@ -24,12 +24,12 @@ class Share(Part):
     Shares of the squared width, which sum to 1.
     """
 
-    noise: Annotated[float, Field(ge=0, le=1, description="of the recorded torques")]
+    noise: Annotated[float, Field(ge=0, le=1, description="noise of the recorded torques")]
     prior: Annotated[float, Field(ge=0, le=1)]
     geometry: Annotated[float, Field(ge=0, le=1)]
     unseen: Annotated[float, Field(ge=0, le=1)] = 0.0
     sensors: Annotated[float, Field(ge=0, le=1, description="noise of sensors")] = 0.0
-    measured: Annotated[float, Field(ge=0, le=1, description="of measured values")] = 0.0
+    measured: Annotated[float, Field(ge=0, le=1, description="noise of measured values")] = 0.0
 
     @classmethod
     def from_parts(cls, shares: Float[np.ndarray, " 5"]) -> "Share":
@@ -74,11 +74,11 @@ class Parameter(Part):
     prior: Coordinate
     determined_by: Origin
     rests_on: tuple[str, ...] = Field(
-        default=(), description="whose priors a value that only a sum shows rests on"
+        default=(), description="parameters whose priors a value that is known only as a sum needs"
     )
     share: Share | None = Field(
         default=None,
-        description="what an interval by the data comes from; missing in earlier files",
+        description="sources of an interval that the data determines; missing in earlier files",
     )
 
     @model_validator(mode="after")
@@ -129,7 +129,7 @@ class BaseParameter(Part):
 
     formula: str
     representative: str = Field(
-        default="", description="the parameter that it stands for; missing in earlier files"
+        default="", description="parameter that it stands for; missing in earlier files"
     )
     value: float
     std: Annotated[float, Field(ge=0)]
@@ -137,7 +137,7 @@ class BaseParameter(Part):
     high: float
     unit: str
     share: Share | None = Field(
-        default=None, description="what the interval comes from; missing in earlier files"
+        default=None, description="sources of the interval; missing in earlier files"
     )
 
 
@@ -239,15 +239,21 @@ class PosteriorRecord(Part):
     named) times its size.
     """
 
-    spread: Positive = Field(description="relative standard deviation of the prior, by the γ used")
-    wider: dict[str, Positive] = Field(
-        default_factory=dict[str, Positive], description="factors on it, by parameter"
+    spread: Positive = Field(
+        description="relative standard deviation of the prior that the used γ implies"
     )
-    unseen: tuple[str, ...] = Field(default=(), description="parameters that no row of data shows")
-    combinations: tuple[dict[str, float], ...] = Field(description="rows of K, by parameter")
-    values: tuple[float, ...] = Field(description="b")
+    wider: dict[str, Positive] = Field(
+        default_factory=dict[str, Positive], description="factors on this spread, by parameter"
+    )
+    unseen: tuple[str, ...] = Field(
+        default=(), description="parameters that no row of the data depends on"
+    )
+    combinations: tuple[dict[str, float], ...] = Field(
+        description="rows of K: coefficients by parameter"
+    )
+    values: tuple[float, ...] = Field(description="the vector b")
     factor: tuple[Annotated[tuple[float, ...], Field(min_length=1)], ...] = Field(
-        description="L, the rows of a lower triangle"
+        description="L, by rows of its lower triangle"
     )
 
     @property

@@ -96,14 +96,14 @@ class Verification(Part):
     sha256: str
     rms: tuple[float, ...]
     nrmse: tuple[float, ...]
-    remarks: tuple[str, ...] = Field(default=(), description="what is doubtful about it")
+    remarks: tuple[str, ...] = Field(default=(), description="doubts about this recording")
 
 
 class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     """A robot with identified parameters."""
 
     format: Annotated[int, Field(ge=1, le=FORMAT)] = FORMAT
-    deltaid: str = Field(description="version that wrote the file")
+    deltaid: str = Field(description="version of deltaid that wrote the file")
     robot: RobotDescription
     parameters: tuple[Parameter, ...]
     base_parameters: tuple[BaseParameter, ...] = ()
@@ -111,55 +111,58 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
     fit: Fit
     settings: Settings
     loads: tuple[HeldLoad, ...] = Field(
-        default=(), description="what the recordings held; the model is of the robot without it"
+        default=(),
+        description="loads that the recordings held; the model is of the robot without them",
     )
     sensors: tuple[FittedSensor, ...] = Field(
-        default=(), description="sensors beside the drives that recordings had"
+        default=(), description="sensors of the recordings besides those of the drives"
     )
     corrections: tuple[Correction, ...] = Field(
-        default=(), description="what was corrected; missing in earlier files"
+        default=(), description="corrections that were made; missing in earlier files"
     )
     readings: Readings | None = Field(
         default=None,
-        description="what positions and torques are that drives read otherwise; missing in earlier "
-        "files",
+        description="corrections of positions and torques that the drives misread; missing in "
+        "earlier files",
     )
     effects: tuple[FittedEffect, ...] = Field(
         default=(),
-        description="what takes torques beside the robot all the time; the model is of the robot "
-        "without it; missing in earlier files",
+        description="permanent torques besides those of the robot; the model is of the robot "
+        "without them; missing in earlier files",
     )
     absolute: tuple[str, ...] | None = Field(
         default=None,
-        description="what is known in kg or N m beside the torques: loads, sensors, weighed bodies;"
-        " missing in earlier files",
+        description="quantities besides the torques that are known in kg or N m: loads, sensors, "
+        "weighed bodies; missing in earlier files",
     )
     inseparable: tuple[Inseparable, ...] = Field(
         default=(),
-        description="causes that the recordings do not separate, intervals count both; missing in "
-        "earlier files",
+        description="causes that the recordings do not separate; missing in earlier files",
     )
     friction_choice: FrictionChoice | None = None
     friction_curves: tuple[FrictionCurve, ...] = Field(
         default=(), description="friction over speed with intervals; missing in earlier files"
     )
     posterior: PosteriorRecord | None = Field(
-        default=None, description="what models are drawn from; missing in earlier files"
+        default=None, description="posterior that models are drawn from; missing in earlier files"
     )
     sources: tuple[Source, ...]
     warnings: tuple[str, ...] = ()
     undecided: tuple[str, ...] = Field(
-        default=(), description="those of the warnings that say only what is undecided"
+        default=(), description="warnings that only state that something is undecided"
     )
     wrong: tuple[str, ...] = Field(
-        default=(), description="what checks called wrong and --force went on with"
+        default=(), description="faults that the checks found and --force ignored"
     )
     unexplained: float = Field(
         default=0.0, ge=0.0, description="largest share of a drive's torque that no cause explains"
     )
-    identified_on: date | None = Field(default=None, description="missing in earlier files")
+    identified_on: date | None = Field(
+        default=None, description="day of the fit; missing in earlier files"
+    )
     verification: Verification | None = Field(
-        default=None, description="on a motion that the fit has not used; missing in earlier files"
+        default=None,
+        description="errors on a motion that the fit did not use; missing in earlier files",
     )
 
     @property

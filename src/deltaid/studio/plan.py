@@ -20,7 +20,7 @@ class Used(Part):
     """A recording and its purpose."""
 
     file: str
-    mapping: str | None = Field(default=None, description="file that says which column is what")
+    mapping: str | None = Field(default=None, description="file that maps the columns")
     use: Literal["fit", "verify", "aside"] = "fit"
 
 
@@ -31,10 +31,10 @@ class Plan(Part):
     recordings: tuple[Used, ...] = ()
     settings: Settings = Settings()
     force: bool = False
-    checked: object = Field(default=None, exclude=True, description="of earlier versions")
-    model: str | None = Field(default=None, description="the model file that is put to use")
+    checked: object = Field(default=None, exclude=True, description="key of earlier versions")
+    model: str | None = Field(default=None, description="model file in use")
     names: dict[str, str] = Field(
-        default_factory=dict[str, str], description="what runs are called"
+        default_factory=dict[str, str], description="names of runs, by their folder"
     )
 
     @property
