@@ -73,13 +73,17 @@ def motion_problems(plant: Model, trajectory: Trajectory) -> tuple[MotionProblem
     problems = list[MotionProblem]()
     for drive, largest, used in zip(robot.drives, effort_limits(robot), np.abs(tau.T), strict=True):
         use, units = used / largest, robot.units(drive)
-        text = (
+        problems += _problem(
+            "torque",
+            drive,
+            time,
+            _beyond(use),
+            use,
             f"the motion needs more {units.effort} than {drive} has: {used.max():.3g} "
             f"{units.force} of {largest:g} {units.force} at {{at:.3g}} s, beyond the limit for "
-            "{share} of the time"
+            "{share} of the time",
+            f"{drive} needs {use.max():.0%} of its {units.effort}",
         )
-        over, short = _beyond(use), f"{drive} needs {use.max():.0%} of its {units.effort}"
-        problems += _problem("torque", drive, text, short, over, time, use)
     # ż and z̈ of drive rates: J ż = q̇, J z̈ = q̈ − J̇ ż.
     J = dynamics.kinematics.jacobian(z)
     zd = np.linalg.solve(J, desired.qd[:, :, None])
@@ -87,12 +91,16 @@ def motion_problems(plant: Model, trajectory: Trajectory) -> tuple[MotionProblem
     zdd = np.linalg.solve(J, desired.qdd[:, :, None] - along)[:, :, 0]
     for name, use in zip(limits.names, limits.kinematic(z, zd[:, :, 0], zdd).T, strict=True):
         kind, words = _kinematic(name)
-        text = (
+        problems += _problem(
+            kind,
+            name,
+            time,
+            _beyond(use),
+            use,
             f"{words}, {use.max():.0%} of what is described at {{at:.3g}} s, beyond it for "
-            "{share} of the time"
+            "{share} of the time",
+            f"{name} at {use.max():.0%}",
         )
-        short = f"{name} at {use.max():.0%}"
-        problems += _problem(kind, name, text, short, _beyond(use), time, use)
     return tuple(problems)
 
 
@@ -101,10 +109,13 @@ def _beyond(use: Signal) -> Bool[np.ndarray, " samples"]:
 
 
 def _problem(
-    kind: Kind, what: str, text: str, short: str, over: Bool[np.ndarray, " samples"], time: Signal,
-    size: Signal | None = None,
+    kind: Kind, what: str, time: Signal, over: Bool[np.ndarray, " samples"], size: Signal | None,
+    text: str, short: str,
 ) -> list[MotionProblem]:  # fmt: skip
-    """A fault with its largest size, or its beginning if it has no size; empty without `over`."""
+    """A fault at its largest size, or at its beginning if it has no size; empty without `over`.
+
+    `text` and `short` may name the times {at} and {first} and the {share} of the time.
+    """
     if not over.any():
         return []
     k, first = int((over if size is None else size).argmax()), float(time[over.argmax()])
@@ -132,12 +143,16 @@ def tracking_problems(plant: Model, result: Tracking) -> tuple[MotionProblem, ..
     valid, robot = result.valid, plant.robot
     time, problems = result.time[valid], list[MotionProblem]()
     for drive, cut in zip(robot.drives, result.saturated[valid].T, strict=True):
-        text = (
+        problems += _problem(
+            "saturated",
+            drive,
+            time,
+            cut & (cut.sum() > _SATURATED * len(cut)),
+            None,
             f"the controller stands at the {robot.units(drive).effort} limit of {drive} for "
-            "{share} of the time, from {first:.3g} s on"
+            "{share} of the time, from {first:.3g} s on",
+            f"{drive} at its limit",
         )
-        over = cut & (cut.sum() > _SATURATED * len(cut))
-        problems += _problem("saturated", drive, text, f"{drive} at its limit", over, time)
     if result.ended is not None:
         short, left = f"lost after {result.ended:.4g} s", 1.0 - result.ended / result.time[-1]
         text = sentence(
@@ -145,30 +160,46 @@ def tracking_problems(plant: Model, result: Tracking) -> tuple[MotionProblem, ..
             "its gains or its model do not hold the robot on this motion",
             "lower the gains, or take a slower motion",
         )
-        problems += [MotionProblem("lost", "robot", text, short, 1.0, result.ended, float(left))]
+        problems.append(MotionProblem("lost", "robot", text, short, 1.0, result.ended, float(left)))
     else:  # beyond a singular pose the same drive motion moves the platform differently
         sides = np.sign(plant.dynamics.kinematics.regularity(result.z).determinant)
-        text = (
-            "passed through a singular pose at {first:.4g} s and went on in another assembly mode"
+        problems += _problem(
+            "branch",
+            "robot",
+            result.time,
+            sides != sides[0],
+            None,
+            "passed through a singular pose at {first:.4g} s and went on in another assembly mode",
+            "other mode from {first:.4g} s",
         )
-        short, over = "other mode from {first:.4g} s", sides != sides[0]
-        problems += _problem("branch", "robot", text, short, over, result.time)
     away = result.platform_error[valid]
     limit = _FAR * float(robot.within(0.0)[1][robot.task.moves].min())
     off = f"{1e3 * away.max(initial=0.0):.3g} mm"
-    text = (
+    problems += _problem(
+        "diverged",
+        "platform",
+        time,
+        away > limit,
+        away,
         f"the loop does not follow: the platform is {off} from where it should be at {{at:.3g}} s, "
-        f"farther than {1e3 * limit:.3g} mm from {{first:.3g}} s on, {{share}} of the time"
+        f"farther than {1e3 * limit:.3g} mm from {{first:.3g}} s on, {{share}} of the time",
+        f"platform {off} off",
     )
-    short = f"platform {off} off"
-    problems += _problem("diverged", "platform", text, short, away > limit, time, away)
-    turn = np.zeros(len(time)) if result.turn_error is None else np.abs(result.turn_error[valid])
+    turn = result.turn_error
+    turned = () if turn is None else _turn_problems(time, np.abs(turn[valid]))
+    return (*problems, *turned)
+
+
+def _turn_problems(time: Signal, turn: Signal) -> list[MotionProblem]:
     whole = float(turn.max(initial=0.0)) / (2 * np.pi)
     amount = f"{whole:.2g} turns" if whole >= 0.75 else f"{360 * whole:.0f}°"
-    text = (
+    return _problem(
+        "turn",
+        "tool",
+        time,
+        turn > _TURNED,
+        turn,
         f"the tool is off by {amount} at {{at:.3g}} s, and by more than a quarter of a turn for "
-        "{share} of the time"
+        "{share} of the time",
+        f"tool off by {amount}",
     )
-    short = f"tool off by {amount}"
-    problems += _problem("turn", "tool", text, short, turn > _TURNED, time, turn)
-    return tuple(problems)

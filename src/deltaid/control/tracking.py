@@ -266,12 +266,8 @@ def track(
     limits, step = effort_limits(plant.model.robot), drives.encoder_step
     share = 1 - np.exp(-2 * np.pi * drives.velocity_cutoff)
     running = Running(plant, start.q[:1], start.qd[:1], drives.rate, drives.current_loop)
-    path, torques, wanted = (
-        np.empty((3, *start.q.shape)),
-        np.empty_like(start.q),
-        np.empty_like(start.q),
-    )
-    errors, rates = np.zeros_like(start.q), np.zeros_like(start.q)
+    path = np.empty((3, *start.q.shape))
+    torques, wanted, errors, rates = (np.zeros_like(start.q) for _ in range(4))
     for k in range(len(time)):
         q = running.encoders
         path[:, k] = q[0], running.z[0], running.qd[0]

@@ -14,7 +14,7 @@ import numpy as np
 from deltaid.files import require_writable, written_whole
 from deltaid.motion.surrogate import write_recording
 from deltaid.reproduce.accuracy import CLAIMS, Accuracy
-from deltaid.reproduce.descent import Descent
+from deltaid.reproduce.descent import Descent, Descents
 from deltaid.reproduce.irb360 import Irb360
 from deltaid.reproduce.surrogate import Reproduction, SurrogateFit
 from deltaid.reproduce.table_one import (
@@ -129,19 +129,7 @@ def _surrogate(result: Reproduction) -> dict[str, Any]:
             for claim in CLAIMS
         ],
         "fits": [_fit(fit) for fit in result.fits],
-        "minimisers": [
-            {
-                "prior": prior,
-                "gamma": descents.gamma,
-                "conic": {
-                    "objective": descents.conic.objective,
-                    "duality_gap": descents.conic.duality_gap,
-                    "seconds": descents.conic_seconds,
-                },
-                "ways": [_descent(way) for way in descents.ways],
-            }
-            for prior, descents in result.descents.items()
-        ],
+        "minimisers": [_minimisers(*each) for each in result.descents.items()],
         "gamma_sweep": [
             {
                 "prior": fit.prior,
@@ -159,6 +147,19 @@ def _surrogate(result: Reproduction) -> dict[str, Any]:
             for i, (name, unit) in enumerate(zip(names, units, strict=True))
             if result.truth[i] != 0
         ],
+    }
+
+
+def _minimisers(prior: str, descents: Descents) -> dict[str, Any]:
+    return {
+        "prior": prior,
+        "gamma": descents.gamma,
+        "conic": {
+            "objective": descents.conic.objective,
+            "duality_gap": descents.conic.duality_gap,
+            "seconds": descents.conic_seconds,
+        },
+        "ways": [_descent(way) for way in descents.ways],
     }
 
 

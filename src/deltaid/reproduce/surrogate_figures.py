@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 
 from deltaid.identification.demo import mass_reference
 from deltaid.reproduce.accuracy import CLAIMS, MotionTerms
-from deltaid.reproduce.descent import Way
+from deltaid.reproduce.descent import Descents, Way
 from deltaid.reproduce.surrogate import DESCENT_GAMMA, Reproduction, SurrogateFit
 from deltaid.view import style
 from deltaid.view.page import Figure
@@ -194,40 +194,7 @@ def descent_figure(result: Reproduction) -> Figure:
     )
     for col, descents in enumerate(result.descents.values(), start=1):
         for row in (1, 2):
-            for way in descents.ways:
-                label, color = WAY_LABELS[way.way]
-                shared = {"legendgroup": label, "row": row, "col": col}
-                x = np.arange(len(way.objective)) if row == 1 else 1e3 * way.seconds
-                figure.add_scatter(
-                    x=x[1:],
-                    y=way.objective[1:],
-                    name=label,
-                    showlegend=row == col == 1,
-                    mode="lines",
-                    line={"color": color, "width": 1.8},
-                    **shared,
-                )
-                if way.usual:
-                    figure.add_scatter(
-                        x=x[[way.usual]],
-                        y=way.objective[[way.usual]],
-                        name=f"{label}: |∇J| < 1e-6",
-                        showlegend=False,
-                        mode="markers",
-                        marker={"color": color, "size": 10, "symbol": "x"},
-                        **shared,
-                    )
-            figure.add_scatter(
-                x=[1, 1e3 if row == 1 else 1e3 * max(way.seconds[-1] for way in descents.ways)],
-                y=[descents.conic.bound] * 2,
-                name="certified lower bound (conic)",
-                legendgroup="bound",
-                showlegend=row == col == 1,
-                mode="lines",
-                line={"color": style.PRIOR, "dash": "dash"},
-                row=row,
-                col=col,
-            )
+            _add_descents(figure, descents, row, col)
     figure.update_xaxes(type="log", exponentformat="power", dtick=1)
     figure.update_xaxes(title_text="step", row=1)
     figure.update_xaxes(title_text="time [ms]", row=2)
@@ -239,6 +206,44 @@ def descent_figure(result: Reproduction) -> Figure:
         "and over time on this machine. A cross "
         "marks where no entry of ∇J exceeds 1e-6, a common default for being done. The conic "
         "program has no steps to draw: its optimum lies on the dashed line.",
+    )
+
+
+def _add_descents(figure: go.Figure, descents: Descents, row: int, col: int) -> None:
+    """Add J of all minimisers, over steps in the first row and over time in the second."""
+    for way in descents.ways:
+        label, color = WAY_LABELS[way.way]
+        shared = {"legendgroup": label, "row": row, "col": col}
+        x = np.arange(len(way.objective)) if row == 1 else 1e3 * way.seconds
+        figure.add_scatter(
+            x=x[1:],
+            y=way.objective[1:],
+            name=label,
+            showlegend=row == col == 1,
+            mode="lines",
+            line={"color": color, "width": 1.8},
+            **shared,
+        )
+        if way.usual:
+            figure.add_scatter(
+                x=x[[way.usual]],
+                y=way.objective[[way.usual]],
+                name=f"{label}: |∇J| < 1e-6",
+                showlegend=False,
+                mode="markers",
+                marker={"color": color, "size": 10, "symbol": "x"},
+                **shared,
+            )
+    figure.add_scatter(
+        x=[1, 1e3 if row == 1 else 1e3 * max(way.seconds[-1] for way in descents.ways)],
+        y=[descents.conic.bound] * 2,
+        name="certified lower bound (conic)",
+        legendgroup="bound",
+        showlegend=row == col == 1,
+        mode="lines",
+        line={"color": style.PRIOR, "dash": "dash"},
+        row=row,
+        col=col,
     )
 
 

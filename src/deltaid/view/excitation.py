@@ -9,6 +9,7 @@ from deltaid.levels import FAINT
 from deltaid.motion.excitation.excite import Excitation, Exciter, LimitUse
 from deltaid.motion.excitation.plot import SAMPLES
 from deltaid.motion.excitation.run import Run, sample_run
+from deltaid.motion.excitation.settings import ExcitationSettings
 from deltaid.motion.fourier import FourierMotion
 from deltaid.view import style
 from deltaid.view.animation import animation
@@ -25,23 +26,11 @@ def excitation_page(result: Excitation) -> Page:
     robot, settings = exciter.dynamics.robot, exciter.settings
     fullest, periods = _fullest(result), f"{run.repeats} period{'s' * (run.repeats > 1)}"
     drawn = f"{number(result.criterion_before)} as drawn at random"
-    noise = percent(settings.torque_noise)
     condition = Text(
         "Standard deviations of least squares on this motion, if the prior is right. Torque noise: "
-        f"{noise} of each drive's largest torque, samples at {settings.rate:g} Hz."
+        f"{percent(settings.torque_noise)} of each drive's largest torque, samples at "
+        f"{settings.rate:g} Hz."
     )
-    chosen = {
-        "criterion": settings.criterion,
-        "harmonics": str(settings.harmonics),
-        "longest period [s]": number(settings.duration),
-        "repeats": str(settings.repeats),
-        "weight of speed": number(settings.velocity_weight),
-        "weighed by the prior": "yes" if settings.weigh_prior else "no",
-        "torque noise, share of the largest torque": noise,
-        "rate [Hz]": number(settings.rate),
-        "starts": str(settings.starts),
-        "seed": str(settings.seed),
-    }
     time = np.linspace(0, run.duration, max(SAMPLES, int(50 * run.duration)))
     moving = animation(
         exciter.dynamics.kinematics,
@@ -52,7 +41,7 @@ def excitation_page(result: Excitation) -> Page:
         "looks usual.",
     )
     predicted = (condition, prediction_table(result))
-    search = (start_table(result), Table(("setting", "value"), tuple(chosen.items())))
+    search = (start_table(result), _setting_table(settings))
     return Page(
         title=robot.title or robot.name,
         subtitle="Motion for identification, from rest to rest within all limits",
@@ -72,6 +61,22 @@ def excitation_page(result: Excitation) -> Page:
             Section("Search", search, "starts and settings"),
         ),
     )
+
+
+def _setting_table(settings: ExcitationSettings) -> Table:
+    chosen = {
+        "criterion": settings.criterion,
+        "harmonics": str(settings.harmonics),
+        "longest period [s]": number(settings.duration),
+        "repeats": str(settings.repeats),
+        "weight of speed": number(settings.velocity_weight),
+        "weighed by the prior": "yes" if settings.weigh_prior else "no",
+        "torque noise, share of the largest torque": percent(settings.torque_noise),
+        "rate [Hz]": number(settings.rate),
+        "starts": str(settings.starts),
+        "seed": str(settings.seed),
+    }
+    return Table(("setting", "value"), tuple(chosen.items()))
 
 
 def verdict(result: Excitation) -> Summary:
@@ -154,8 +159,8 @@ def _over_time(result: Excitation) -> Figure:
             )
             if right[i]:
                 named = f"{name} {title.format(units[name])}" if foreign[i] else name
-                own = {"color": color, "showgrid": False, "tickmode": "auto"}
-                figure.update_yaxes({"title_text": named} | own, **place)
+                axis = {"color": color, "showgrid": False, "tickmode": "auto"}
+                figure.update_yaxes(axis | {"title_text": named}, **place)
     for edge in (run.ramp, run.duration - run.ramp):
         figure.add_vline(x=edge, line={"color": style.PRIOR, "dash": "dot", "width": 1})
     return Figure(

@@ -128,10 +128,6 @@ def feed_forward_card(value: FeedForward) -> Card:
     )
 
 
-def feed_forward_frame(value: FeedForward) -> pl.DataFrame:
-    return value.table()
-
-
 def sample_table(drawn: Samples) -> Table:
     """Identified values with mean and spread of the drawn models, for parameters that vary."""
     fitted = dict(zip(drawn.model.layout.names, drawn.model.p.tolist(), strict=True))

@@ -188,6 +188,26 @@ def information_section(result: Identification) -> Section:
     Y = information.weighted()[:, np.searchsorted(information.columns, columns)]
     # Triangular factor of the weighted base regressor with columns of unit length.
     R = triangle(Y / np.linalg.norm(Y, axis=0))
+    visible = len(base.layout.names) - len(base.invisible)
+    return Section(
+        "Base parameters",
+        (
+            Text(
+                f"Of {len(base.layout.names)} parameters {visible} show in torques at all, and of "
+                f"these the motion determines {base.rank} combinations, the base parameters. "
+                "Their values here come from weighted least squares alone, without prior and "
+                "without physical consistency. The condition number of the base regressor, its "
+                f"columns scaled to unit length, is {number(base.condition, 3)}."
+            ),
+            base_table(result.model.base_parameters),
+            _singular_values(R),
+            _correlations(result, R),
+        ),
+        "combinations that the torques determine, and how well",
+    )
+
+
+def _singular_values(R: Float[np.ndarray, "base base"]) -> Figure:
     values = np.linalg.svd(R, compute_uv=False)
     spectrum = go.Figure(
         go.Scatter(
@@ -206,28 +226,12 @@ def information_section(result: Identification) -> Section:
             "margin": {"t": 20},
         },
     )  # fmt: skip
-    visible = len(base.layout.names) - len(base.invisible)
-    return Section(
-        "Base parameters",
-        (
-            Text(
-                f"Of {len(base.layout.names)} parameters {visible} show in torques at all, and of "
-                f"these the motion determines {base.rank} combinations, the base parameters. "
-                "Their values here come from weighted least squares alone, without prior and "
-                "without physical consistency. The condition number of the base regressor, its "
-                f"columns scaled to unit length, is {number(base.condition, 3)}."
-            ),
-            base_table(result.model.base_parameters),
-            Figure(
-                spectrum,
-                "Singular values of the base regressor, rows weighted by the drives' largest "
-                "torques and columns scaled to unit length. A small one is a combination that the "
-                f"motion hardly excites; largest over smallest is "
-                f"{number(values[0] / values[-1], 3)}.",
-            ),
-            _correlations(result, R),
-        ),
-        "combinations that the torques determine, and how well",
+    return Figure(
+        spectrum,
+        "Singular values of the base regressor, rows weighted by the drives' largest "
+        "torques and columns scaled to unit length. A small one is a combination that the "
+        f"motion hardly excites; largest over smallest is "
+        f"{number(values[0] / values[-1], 3)}.",
     )
 
 

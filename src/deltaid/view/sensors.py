@@ -41,14 +41,6 @@ def plan_page(plan: SensorPlan, entries: Sequence[str] | None = None) -> Page:
     known = DESCRIBED if plan.has_described else TORQUES
     open_now = next(opening for opening in plan.openings if opening.name == known).null
     hidden = Text(f"Nothing of the list determines much of {', '.join(undetermined(plan))}.")
-    settings = plan.settings
-    chosen = (
-        ("torque noise, share of each drive's largest torque", percent(settings.torque_noise)),
-        ("independent samples a second", number(settings.rate)),
-        ("standard deviation of the prior", percent(settings.prior_spread)),
-        ("good enough", percent(settings.enough)),
-        ("goal", plan.goal),
-    )
     return Page(
         title=robot.title or robot.name,
         subtitle=f"What sensors and scales would determine, planned for {plan.motion}",
@@ -83,15 +75,7 @@ def plan_page(plan: SensorPlan, entries: Sequence[str] | None = None) -> Page:
                 "each measurement by itself",
             ),
             Section("What stays open", _open(plan), "what nothing of it determines"),
-            Section(
-                "Taken for granted",
-                (
-                    Text("\n\n".join(f"{note[0].upper()}{note[1:]}." for note in plan.notes)),
-                    Table(("setting", "value"), chosen),
-                    _offers(plan),
-                ),
-                "assumptions, settings, prices",
-            ),
+            Section("Taken for granted", _granted(plan), "assumptions, settings, prices"),
         ),
     )
 
@@ -216,9 +200,16 @@ def _open(plan: SensorPlan) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-def _offers(plan: SensorPlan) -> Table:
-    money = plan.offers.currency
-    return Table(
+def _granted(plan: SensorPlan) -> tuple[Block, ...]:
+    settings, money = plan.settings, plan.offers.currency
+    chosen = (
+        ("torque noise, share of each drive's largest torque", percent(settings.torque_noise)),
+        ("independent samples a second", number(settings.rate)),
+        ("standard deviation of the prior", percent(settings.prior_spread)),
+        ("good enough", percent(settings.enough)),
+        ("goal", plan.goal),
+    )
+    offers = Table(
         ("offer", money, "hours", "what, and what is assumed"),
         tuple(
             (
@@ -231,3 +222,5 @@ def _offers(plan: SensorPlan) -> Table:
         ),
         f"The list. An hour costs {plan.offers.hourly:g} {money}. Put in your own by --sensors.",
     )
+    notes = Text("\n\n".join(f"{note[0].upper()}{note[1:]}." for note in plan.notes))
+    return notes, Table(("setting", "value"), chosen), offers

@@ -29,16 +29,15 @@ _WRITTEN, _CHARACTERS = 16, 60
 
 
 # For each class, by its module: the prefix of its functions, such as 'run' in 'run_card'; the
-# module of its card and frame, and that of its figure and page, in this room or in one above.
+# module of its card and frame, and that of its figure and page, in this room or in one above. Other
+# classes have a card of their fields; a class without a function for its frame has a table.
 _KINDS = {
     "calibration.calibrate.Calibration": ("calibration", "calibration", "calibration"),
     "model.verdict.Verdict": ("verdicts", "check", "check"),
     "checks.verdicts.Verdicts": ("verdicts", "check", "check"),
     "control.comparison.Comparison": ("simulation", "tracking", "tracking"),
     "control.simulate.Simulation": ("simulation", "tracking", "tracking"),
-    "control.simulation.StatePath": ("fields", "show", "show"),
     "dynamics.dynamics.Dynamics": ("robot", "robots", "robots"),
-    "dynamics.dynamics.Terms": ("fields", "show", "show"),
     "dynamics.forward_dynamics.ForwardDynamics": ("robot", "robots", "robots"),
     "fleets.run.FleetRun": ("fleet_run", "fleets.run_card", "fleets.run_card"),
     "motion.excitation.excite.Excitation": ("excitation", "excitation", "excitation"),
@@ -46,19 +45,14 @@ _KINDS = {
     "motion.excitation.run.Run": ("run", "excitation", "excitation"),
     "joint_forces.constraint_forces.ConstraintForces": ("robot", "robots", "robots"),
     "joint_forces.forces.Forces": ("forces", "forces", "forces"),
-    "estimation.base_parameters.BaseParameters": ("fields", "show", "show"),
     "identification.identify.Identification": ("identification", "models", "model_pages"),
-    "identification.torque_error.TorqueError": ("fields", "show", "show"),
     "identification.prediction.FeedForward": ("feed_forward", "models", "models"),
     "identification.prediction.Validation": ("validation", "models", "model_pages"),
-    "mechanism.kinematics.BodyPoses": ("fields", "show", "show"),
     "mechanism.kinematics.Kinematics": ("robot", "robots", "robots"),
-    "mechanism.regularity.Regularity": ("fields", "show", "show"),
     "model.model.Model": ("model", "models", "model_pages"),
     "model.record.IdentifiedModel": ("model", "models", "model_pages"),
     "model.samples.Samples": ("samples", "models", "models"),
     "motion.fourier.FourierMotion": ("run", "excitation", "excitation"),
-    "sensors.planning.offers.Offers": ("fields", "show", "show"),
     "sensors.planning.plan.SensorPlan": ("plan", "sensor_plan", "sensors"),
     "recording.log.Log": ("log", "recordings", "recordings"),
     "recording.mapping.ColumnMapping": ("mapping", "recordings", "recordings"),
@@ -191,12 +185,13 @@ def report(value: object, path: str | Path, *more: object) -> Path:
     return path
 
 
-def _function(value: object, act: str) -> Callable[..., Any]:
+def _function(value: Any, act: str) -> Callable[..., Any]:
     for kind in type(value).__mro__:
         name = f"{kind.__module__.removeprefix('deltaid.')}.{kind.__qualname__}"
         if name in _KINDS:
             title, of_cards, of_pages = _KINDS[name]
             module = of_cards if act in ("card", "frame") else of_pages
             room = "deltaid" if "." in module else "deltaid.view"
-            return getattr(import_module(f"{room}.{module}"), f"{title}_{act}")
-    raise TypeError(f"nothing shows a {type(value).__name__}")
+            functions = vars(import_module(f"{room}.{module}"))
+            return functions.get(f"{title}_{act}") or type(value).table
+    return fields_card

@@ -31,18 +31,18 @@ _CAUSE = re.compile(r"[;.] +(?:likeliest|deltaid check|identify |take |weigh )",
 
 
 def summary(
-    of: Identification | IdentifiedModel | Model,
+    result: Identification | IdentifiedModel | Model,
     error: TorqueError | None = None,
     log: Compared | None = None,
 ) -> Summary:
     """The verdict on an identification or a model.
 
     Args:
-        of: the result of `identify`, or a model, which may be a prior.
+        result: of `identify`, or a model, which may be a prior.
         error: torque errors on another recording, as of `validate`; None for those in the model.
         log: that recording; without it, it counts as unseen by the model.
     """
-    model = load(of.model if isinstance(of, Identification) else of)
+    model = load(result)
     known = model.identified
     if known is None:
         return _of_prior(model, error)
@@ -178,21 +178,7 @@ def provenance_section(model: Model, title: str) -> Section:
         for name, value in known.settings.model_dump().items()
     }
     tables = (
-        Table(
-            ("recording", "samples", "rate [Hz]", "cut-off [Hz]", "samples used", "SHA-256"),
-            tuple(
-                (
-                    source.log,
-                    str(source.samples),
-                    f"{source.rate_hz:.6g}",
-                    f"{source.cutoff_hz:.3g}" if source.cutoff_hz else "not filtered",
-                    str(source.used_samples),
-                    source.sha256,
-                )
-                for source in known.sources
-            ),
-            "Recordings that the model was identified from.",
-        ),
+        _recording_table(known),
         Table(("fit", "result"), tuple(reached.items())),
         Table(
             ("setting", "value"),
@@ -202,6 +188,24 @@ def provenance_section(model: Model, title: str) -> Section:
         described,
     )
     return Section(title, tables, "recordings, what the fit reached, settings")
+
+
+def _recording_table(model: IdentifiedModel) -> Table:
+    return Table(
+        ("recording", "samples", "rate [Hz]", "cut-off [Hz]", "samples used", "SHA-256"),
+        tuple(
+            (
+                source.log,
+                str(source.samples),
+                f"{source.rate_hz:.6g}",
+                f"{source.cutoff_hz:.3g}" if source.cutoff_hz else "not filtered",
+                str(source.used_samples),
+                source.sha256,
+            )
+            for source in model.sources
+        ),
+        "Recordings that the model was identified from.",
+    )
 
 
 def certificate(fit: Fit) -> tuple[str, str]:

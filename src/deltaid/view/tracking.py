@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
-import polars as pl
 
 from deltaid.control.comparison import Comparison, ControllerRun
 from deltaid.control.infeasible import MotionProblem
@@ -199,10 +198,6 @@ def simulation_card(value: Simulation | Comparison) -> Card:
         prompt_lines=problems,
         methods=(*more, '.report("x.html")'),
     )
-
-
-def simulation_frame(value: Simulation) -> pl.DataFrame:
-    return value.table()
 
 
 def simulation_figure(value: Simulation) -> go.Figure:
