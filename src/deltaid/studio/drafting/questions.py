@@ -53,10 +53,10 @@ ARTICULATED = frozenset(kind for kind in KINDS if platform_of(kind) != "rigid")
 TELESCOPE = frozenset({"delta-4"})
 TURNING = ARTICULATED | TELESCOPE
 # Kinds with a bar that turns within the platform, and with two sliding half platforms.
-_BAR = frozenset(kind for kind in KINDS if platform_of(kind) in ("h4", "par4"))
-_SLIDE = ARTICULATED - _BAR
+BAR = frozenset(kind for kind in KINDS if platform_of(kind) in ("h4", "par4"))
+SLIDE = ARTICULATED - BAR
 # Kinds with all limbs on circles of base and platform.
-_ROUND = frozenset(kind for kind in KINDS if platform_of(kind) != "h4")
+ROUND = frozenset(kind for kind in KINDS if platform_of(kind) != "h4")
 
 
 @dataclass(frozen=True)
@@ -183,11 +183,11 @@ QUESTIONS: tuple[Question, ...] = (
     Question("base_radius", "from the middle of the base to a motor axis, or to a rail's zero",
              "m", 1e-3, 5, "drawing, or half of the largest distance", ALL, None, "lengths"),
     Question("platform_radius", "from the middle of the platform to the struts' joints", "m", 1e-3,
-             2, _CALIPER, _ROUND, None, "lengths"),
+             2, _CALIPER, ROUND, None, "lengths"),
     Question("tilt", "lean of the rails, lower end outwards; 0 upright, 90 flat", "degree", -90,
              90, "drawing, or a phone's spirit level", LINEAR, _constant(0.0), "lengths"),
     Question("bar", "platform's turning bar: middle to end (H4), length of a rod (Par4)", "m",
-             0.002, 1, _CALIPER, _BAR,
+             0.002, 1, _CALIPER, BAR,
              lambda kind, a: rounded(a["strut"] / (8 if platform_of(kind) == "h4" else 7)),
              "lengths"),
     Question("spacing", "distance of the two struts of a limb", "m", 0.001, 2, _CALIPER, ALL,
@@ -238,9 +238,9 @@ QUESTIONS: tuple[Question, ...] = (
              1e-6, 1e4, _SHEET + ": inertia times (2π / lead)²", LINEAR,
              lambda kind, a: rounded(0.5 * a["carriage_mass"]), "motors"),
     Question("ratio", "turns of the tool for a turn of the platform's bar", "", 0.1, 100,
-             "count the teeth", _BAR, _constant(4.0), "tool"),
+             "count the teeth", BAR, _constant(4.0), "tool"),
     Question("pinion", "radius of the pinion between the two racks", "m", 1e-3, 1, _CALIPER,
-             _SLIDE,
+             SLIDE,
              # Keeps the platform smaller than the circle of its limbs.
              lambda kind, a: rounded(0.018 * a["strut"]), "tool"),
     Question("tool_turn", "how far the tool turns, either way", "degree", 1, 7200, _SHEET,

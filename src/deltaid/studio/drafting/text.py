@@ -1,16 +1,25 @@
-"""Text of a draft: a description in YAML with a comment on every number, and its sources."""
+"""Text of a draft: a description in YAML with a comment on every number, and its sources.
+
+`_KEYS` lists all keys in their order, as `questions.py` lists the questions.
+"""
 
 import json
 import re
-from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 from deltaid.levels import GRAVITY
 from deltaid.studio.drafting.bodies import bodies, stroke
 from deltaid.studio.drafting.draft import ASSUMED, Draft
 from deltaid.studio.drafting.questions import (
+    ALL,
+    ARTICULATED,
+    BAR,
     LINEAR,
     QUESTIONS,
+    ROTARY,
+    ROUND,
+    SLIDE,
     TELESCOPE,
     limbs_of,
     platform_of,
@@ -34,17 +43,21 @@ _AZIMUTHS = {
 _HOW = {question.key: question.how for question in QUESTIONS}
 
 
-class _Row(NamedTuple):
-    """One key of the description.
+@dataclass(frozen=True)
+class _Key:
+    """One key of the description; texts in braces stand for entries of `_texts`.
 
     Attributes:
-        path: of the key.
+        path: of the key; `drive*` stands for the drives of all limbs, of which the first has the
+            comment.
         value: as YAML; empty at the beginning of a part, whose source then holds for all its keys.
         questions: whose answers it is computed from; the comment states their origin and, if they
             are assumed, where to find them.
         note: begins the comment.
         source: its origin, if that is not the origin of the answers.
+        of: kinds of robots that have it.
         below: lines that follow.
+        has_comment: whether the origin of the answers is in a comment.
     """
 
     path: str
@@ -52,38 +65,152 @@ class _Row(NamedTuple):
     questions: tuple[str, ...] = ()
     note: str = ""
     source: str = ""
+    of: frozenset[str] = ALL
     below: str = ""
+    has_comment: bool = True
 
-    @classmethod
-    def answer(cls, draft: Draft, path: str, question: str, unit: str = "") -> "_Row":
-        """A key whose value is the answer to one question."""
-        return cls(path, number(draft.values[question]), (question,), unit)
+
+def _answer(path: str, question: str, note: str = "", of: frozenset[str] = ALL) -> _Key:
+    """A key whose value is the answer to one question."""
+    return _Key(path, f"{{{question}}}", (question,), note, of=of)
+
+
+def _friction(path: str, law: str, note: str, of: frozenset[str]) -> _Key:
+    """Assumed friction of a joint that no question is about."""
+    value = f"{{{{viscous: {{{law}_viscous}}, coulomb: {{{law}_coulomb}}}}}}"
+    return _Key(path, value, note=note, source=ASSUMED, of=of)
+
+
+_H4 = ALL - ROUND
+_ARM_LIMITS = "angle_low", "angle_high", "speed", "torque", "gear"
+_RAIL_LIMITS = "rail_low", "rail_high", "rail_speed", "rail_force"
+_KEYS = (
+    _Key("limbs"),
+    _Key("limbs.drive", "rotary", of=ROTARY),
+    _Key("limbs.drive", "linear", of=LINEAR),
+    _Key("limbs.azimuth_deg", "{azimuths}", (), "assumed: world axes are laid that way", ASSUMED),
+    _answer("limbs.tilt_deg", "tilt", "0 upright, 90 flat", LINEAR),
+    _Key("limbs.base_points", "{base_points}", ("base_radius",), "m, from base_radius", of=_H4),
+    _Key("limbs.platform_points", "{platform_points}", (), "m; assumed",
+         "assumed, by the length of the middle bar", _H4),
+    _answer("limbs.base_radius", "base_radius", "m", ROUND),
+    _answer("limbs.platform_radius", "platform_radius", "m", ROUND),
+    _answer("limbs.upper_arm", "arm", "m, axis to elbow", ROTARY),
+    _answer("limbs.strut", "strut", "m, between joints"),
+    _Key("limbs.struts_per_limb", "2", source=ASSUMED),
+    _answer("limbs.strut_spacing", "spacing", "m; forces in single struts depend on it"),
+    _Key("telescope", source=ASSUMED, of=TELESCOPE),
+    _Key("telescope.base_joint", "[0, 0, 0]", (), "m; assumed in the middle of base and platform",
+         of=TELESCOPE),
+    _Key("telescope.platform_joint", "[0, 0, 0]", of=TELESCOPE),
+    _Key("telescope.stroke", "[{stroke_low}, {stroke_high}]", (),
+         "m; assumed, what the workspace takes", of=TELESCOPE),
+    _Key("platform", of=ARTICULATED),
+    _Key("platform.kind", "{platform}", of=ARTICULATED),
+    _Key("platform.direction_deg", "90", (),
+         "the slide lies across the limbs that hold one half", ASSUMED, SLIDE),
+    _answer("platform.half_length", "bar", "m", _H4),
+    _answer("platform.length", "bar", "m", BAR - _H4),
+    _Key("platform.first", "[1, 3]", source=ASSUMED, of=_H4),
+    _Key("platform.first", "[1, 2]", source=ASSUMED, of=ARTICULATED - _H4),
+    _Key("platform.ratio", "{pinion_ratio}", ("pinion",), "rad/m, of a pinion of {pinion} m",
+         "by the pinion's radius, {pinion_origin}", SLIDE),
+    _answer("platform.ratio", "ratio", of=BAR),
+    _Key("platform.angle_deg", "[-{tool_turn}, {tool_turn}]", ("tool_turn",), of=ARTICULATED),
+    _answer("platform.speed_deg_s", "tool_speed", of=ARTICULATED),
+    _Key("bodies",
+         note="solids of the right mass; shapes are assumed: better ones are worth minutes"),
+    _Key("friction", note="N m s/rad and N m", of=ROTARY),
+    _Key("friction", note="N s/m and N", of=LINEAR),
+    _Key("friction.drive*", "{{viscous: {viscous}, coulomb: {coulomb}}}", ("viscous", "coulomb"),
+         of=ROTARY),
+    _Key("friction.drive*", "{{viscous: {rail_viscous}, coulomb: {rail_coulomb}}}",
+         ("rail_viscous", "rail_coulomb"), of=LINEAR),
+    _friction("friction.drive4", "tool", ASSUMED, TELESCOPE),
+    _friction("friction.slide", "slide", "N s/m and N, telescope; assumed", TELESCOPE),
+    _friction("friction.platform", "platform", "N s/m and N; assumed", SLIDE),
+    _friction("friction.platform", "platform", "of the bar's joints; assumed", BAR),
+    _Key("rotor_inertia", note="of motor and gear, referred to the joint"),
+    _Key("rotor_inertia.drive*", "{joint_rotor}", ("rotor", "gear"),
+         "kg m², {rotor} times {gear}²", of=ROTARY),
+    _answer("rotor_inertia.drive*", "rotor_mass", "kg", LINEAR),
+    _answer("rotor_inertia.drive4", "tool_rotor", "kg m²", TELESCOPE),
+    _Key("workspace", source="{workspace_origin}"),
+    _Key("workspace.shape", "cylinder"),
+    _answer("workspace.radius", "radius", "m"),
+    _Key("workspace.z", "[{low}, {high}]", ("low", "high")),
+    _Key("drive_limits", below="  # {limit_origins}"),
+    _Key("drive_limits.drive*",
+         "{{angle_deg: [{angle_low}, {angle_high}], speed_deg_s: {joint_speed}, "
+         "torque: {joint_torque}}}", _ARM_LIMITS, of=ROTARY, has_comment=False),
+    _Key("drive_limits.drive*",
+         "{{position: [{rail_low}, {rail_high}], speed: {rail_speed}, force: {rail_force}}}",
+         _RAIL_LIMITS, of=LINEAR, has_comment=False),
+    _Key("drive_limits.drive4", "{{speed_deg_s: {tool_speed}, torque: {tool_torque}}}",
+         ("tool_speed", "tool_torque"), of=TELESCOPE),
+    _answer("platform_speed", "top_speed", "m/s"),
+    _answer("platform_acceleration", "top_acceleration", "m/s²"),
+    _answer("strut_swing_deg", "swing"),
+    _Key("largest_condition", "5", (), "assumed: how near to a singularity motions may come",
+         ASSUMED),
+)  # fmt: skip
 
 
 def written(draft: Draft) -> str:
     """The description as YAML; all questions of its kind must have answers."""
     lines, sources = [f"name: {_scalar(draft.name)}", f"title: {_scalar(draft.title)}"], {}
-    for chapter in (_limbs, _telescope, _platform, _bodies, _friction, _rotors, _limits):
-        for row in chapter(draft):
-            path, value, questions, note, source, below = row
-            origins = [draft.origins[key] for key in questions]
-            comment = [note] if note else []
-            if ASSUMED in origins:
-                comment.append(f"{ASSUMED}; {_HOW[questions[origins.index(ASSUMED)]]}")
-            elif origins:
-                comment.append(origins[0])
-            lines += [""] if not value and "." not in path else []
-            said = f" # {'; '.join(comment)}" if comment else ""
-            key = f"{path.rpartition('.')[2]}: {value}".rstrip()
-            lines += [f"{'  ' * path.count('.')}{key}{said}", *([below] if below else [])]
-            source = source or _together(draft, questions)
-            if source and path.partition(".")[0] not in sources:
-                sources[path] = source
-    lines += ["", "sources:"]
-    lines += [
-        f"  {path}: {_scalar(source)}" for path, source in _with_merged_drives(sources).items()
-    ]
+    texts = _texts(draft)
+    for key in _keys(draft):
+        value, note, below, source = (
+            text.format_map(texts) for text in (key.value, key.note, key.below, key.source)
+        )
+        comment = "; ".join(filter(None, (note, _origin(draft, key))))
+        lines += [""] if not value and "." not in key.path else []
+        line = f"{key.path.rpartition('.')[2]}: {value}".rstrip()
+        line = f"{'  ' * key.path.count('.')}{line}{f' # {comment}' if comment else ''}"
+        lines += [line, *([below] if below else [])]
+        source = source or _together(draft, key.questions)
+        if source and key.path.partition(".")[0] not in sources:
+            sources[key.path] = source
+    merged = _with_merged_drives(sources).items()
+    lines += ["", "sources:", *(f"  {path}: {_scalar(source)}" for path, source in merged)]
     return _HEAD + "".join(f"{line}\n" for line in lines)
+
+
+def _keys(draft: Draft) -> Iterator[_Key]:
+    """Keys of the draft's kind, with each limb's drive and each body."""
+    for key in _KEYS:
+        if draft.kind not in key.of:
+            continue
+        if key.path.endswith("*"):
+            for i in range(1, limbs_of(draft.kind) + 1):
+                drive = replace(key, path=f"{key.path[:-1]}{i}")
+                yield drive if i == 1 else replace(drive, note="", has_comment=False)
+        else:
+            yield key
+        if key.path == "bodies":
+            yield from _body_keys(draft)
+
+
+def _body_keys(draft: Draft) -> Iterator[_Key]:
+    for body in bodies(draft.kind, draft.values):
+        mass, length = f"{{{body.mass}_origin}}", {"U": "arm", "S": "strut"}.get(body.name)
+        how = f"; {_HOW[body.mass]}" if draft.origins[body.mass] == ASSUMED else ""
+        long = f", length {{{length}_origin}}" if length else ""
+        yield _Key(
+            f"bodies.{body.name}",
+            note=f"{body.comment}; mass: {mass}{how}",
+            source=f"mass {mass}{long}; shape {ASSUMED}",
+            below=f"    prior:\n      - {{shape_{body.name}}}\n    free: {body.free}",
+        )
+
+
+def _origin(draft: Draft, key: _Key) -> str:
+    """Origin of a key's answers and, if one is assumed, where to find it."""
+    origins = [draft.origins[question] for question in key.questions if key.has_comment]
+    if ASSUMED in origins:
+        return f"{ASSUMED}; {_HOW[key.questions[origins.index(ASSUMED)]]}"
+    return origins[0] if origins else ""
 
 
 def _together(draft: Draft, questions: Iterable[str]) -> str:
@@ -94,11 +221,58 @@ def _together(draft: Draft, questions: Iterable[str]) -> str:
     return ", ".join(f"{key.replace('_', ' ')} {origin}" for key, origin in origins.items())
 
 
-def _other_drives(draft: Draft, first: _Row) -> list[_Row]:
-    """The same rows for the drives of all other limbs."""
-    part, source = first.path.partition(".")[0], _together(draft, first.questions)
-    drives = range(2, limbs_of(draft.kind) + 1)
-    return [_Row(f"{part}.drive{i}", first.value, source=source) for i in drives]
+def _texts(draft: Draft) -> dict[str, str]:
+    """Answers, what follows from them, and origins, as the text of a description has them."""
+    kind, a, platform = draft.kind, draft.values, platform_of(draft.kind)
+    limits = _RAIL_LIMITS if kind in LINEAR else _ARM_LIMITS
+    origins = [f"{key.replace('_', ' ')} {draft.origins[key]}" for key in limits if key != "gear"]
+    return {
+        **{key: number(value) for key, value in {**a, **_following(kind, a)}.items()},
+        **{f"{key}_origin": origin for key, origin in draft.origins.items()},
+        **{f"shape_{body.name}": body.shape for body in bodies(kind, a)},
+        **(_h4_points(a) if kind in _H4 else {}),
+        "platform": platform,
+        "azimuths": _AZIMUTHS[platform],
+        "workspace_origin": _together(draft, ("radius", "low", "high")),
+        "limit_origins": ", ".join(origins),
+    }
+
+
+def _following(kind: str, a: Mapping[str, float]) -> dict[str, float]:
+    """Numbers behind the gears, the telescope's stroke, and friction that no question is about."""
+    values, weight = dict[str, float](), GRAVITY * (a["platform_mass"] + a.get("tool_mass", 0.0))
+    if kind in ROTARY:
+        values["joint_rotor"] = _product(a["rotor"], a["gear"] ** 2)
+        values["joint_speed"] = _product(a["speed"], 1 / a["gear"])
+        values["joint_torque"] = _product(a["torque"], a["gear"])
+    laws = dict[str, tuple[float, float]]()
+    if kind in TELESCOPE:
+        values["stroke_low"], values["stroke_high"] = stroke(a)
+        coulomb = rounded(0.08 * a["tool_torque"])
+        laws = {"tool": (coulomb / 16, coulomb), "slide": (0.3 * weight, 0.4 * weight)}
+    elif kind in SLIDE:
+        values["pinion_ratio"] = _product(0.5, 1 / a["pinion"])
+        laws = {"platform": (0.3 * weight, 0.3 * weight)}
+    elif kind in BAR:
+        coulomb = 0.25 * weight * a["bar"]
+        laws = {"platform": (coulomb / 6, coulomb)}
+    for joint, (viscous, coulomb) in laws.items():
+        values |= {f"{joint}_viscous": rounded(viscous), f"{joint}_coulomb": rounded(coulomb)}
+    return values
+
+
+def _h4_points(a: Mapping[str, float]) -> dict[str, str]:
+    """Base and platform points of an H4 with the proportions of the prototype [m]."""
+    R, h = a["base_radius"], a["bar"]
+    base = [[R, 0.0], [-R, 0.0], [0.35 * R, -R], [-0.35 * R, -R]]
+    platform = [[h / 6, -h / 3], [-h / 6, -h / 3], [-2 * h / 3, h / 3], [2 * h / 3, h / 3]]
+    return {"base_points": _list(base), "platform_points": _list(platform)}
+
+
+def _list(points: list[list[float]]) -> str:
+    """Points in a plane as YAML, at height zero."""
+    pairs = (f"[{number(rounded(x, 6))}, {number(rounded(y, 6))}, 0]" for x, y in points)
+    return f"[{', '.join(pairs)}]"
 
 
 def number(value: float) -> str:
@@ -124,187 +298,3 @@ def _with_merged_drives(sources: Mapping[str, str]) -> dict[str, str]:
             merged[part] = merged[own[0]]
             merged = {key: text for key, text in merged.items() if key not in own}
     return merged
-
-
-def _limbs(draft: Draft) -> list[_Row]:
-    platform, rail = platform_of(draft.kind), draft.kind in LINEAR
-    if platform == "h4":
-        base, own = _h4_points(draft.values)
-        source = f"{ASSUMED}, by the length of the middle bar"
-        ends = [
-            _Row("limbs.base_points", _list(base), ("base_radius",), "m, from base_radius"),
-            _Row("limbs.platform_points", _list(own), note="m; assumed", source=source),
-        ]
-    else:
-        keys = "base_radius", "platform_radius"
-        ends = [_Row.answer(draft, f"limbs.{key}", key, "m") for key in keys]
-    tilt = [_Row.answer(draft, "limbs.tilt_deg", "tilt", "0 upright, 90 flat")] if rail else []
-    arm = [] if rail else [_Row.answer(draft, "limbs.upper_arm", "arm", "m, axis to elbow")]
-    laid = "assumed: world axes are laid that way"
-    return [
-        _Row("limbs"),
-        _Row("limbs.drive", "linear" if rail else "rotary"),
-        _Row("limbs.azimuth_deg", _AZIMUTHS[platform], note=laid, source=ASSUMED),
-        *tilt,
-        *ends,
-        *arm,
-        _Row.answer(draft, "limbs.strut", "strut", "m, between joints"),
-        _Row("limbs.struts_per_limb", "2", source=ASSUMED),
-        _Row.answer(
-            draft, "limbs.strut_spacing", "spacing", "m; forces in single struts depend on it"
-        ),
-    ]
-
-
-def _h4_points(a: Mapping[str, float]) -> tuple[list[list[float]], list[list[float]]]:
-    """Base and platform points of an H4 with the proportions of the prototype [m]."""
-    R, h = a["base_radius"], a["bar"]
-    base = [[R, 0.0], [-R, 0.0], [0.35 * R, -R], [-0.35 * R, -R]]
-    own = [[h / 6, -h / 3], [-h / 6, -h / 3], [-2 * h / 3, h / 3], [2 * h / 3, h / 3]]
-    return tuple([[*(rounded(x, 6) for x in p), 0.0] for p in points] for points in (base, own))  # pyright: ignore
-
-
-def _list(points: list[list[float]]) -> str:
-    return "[" + ", ".join("[" + ", ".join(map(number, p)) + "]" for p in points) + "]"
-
-
-def _telescope(draft: Draft) -> list[_Row]:
-    if draft.kind not in TELESCOPE:
-        return []
-    low, high = map(number, stroke(draft.values))
-    middle = "m; assumed in the middle of base and platform"
-    return [
-        _Row("telescope", source=ASSUMED),
-        _Row("telescope.base_joint", "[0, 0, 0]", note=middle),
-        _Row("telescope.platform_joint", "[0, 0, 0]"),
-        _Row("telescope.stroke", f"[{low}, {high}]", note="m; assumed, what the workspace takes"),
-    ]
-
-
-def _platform(draft: Draft) -> list[_Row]:
-    platform, a = platform_of(draft.kind), draft.values
-    if platform == "rigid":
-        return []
-    if platform == "i4":
-        across = "the slide lies across the limbs that hold one half"
-        pinion, origin = a["pinion"], draft.origins["pinion"]
-        shape = _Row("platform.direction_deg", "90", note=across, source=ASSUMED)
-        ratio = _Row(
-            "platform.ratio",
-            number(_product(0.5, 1 / pinion)),
-            ("pinion",),
-            f"rad/m, of a pinion of {number(pinion)} m",
-            f"by the pinion's radius, {origin}",
-        )
-    else:
-        length = "half_length" if platform == "h4" else "length"
-        shape = _Row.answer(draft, f"platform.{length}", "bar", "m")
-        ratio = _Row.answer(draft, "platform.ratio", "ratio")
-    turn = number(a["tool_turn"])
-    return [
-        _Row("platform"),
-        _Row("platform.kind", platform),
-        shape,
-        _Row("platform.first", "[1, 3]" if platform == "h4" else "[1, 2]", source=ASSUMED),
-        ratio,
-        _Row("platform.angle_deg", f"[-{turn}, {turn}]", ("tool_turn",)),
-        _Row.answer(draft, "platform.speed_deg_s", "tool_speed"),
-    ]
-
-
-def _bodies(draft: Draft) -> list[_Row]:
-    shapes = "solids of the right mass; shapes are assumed: better ones are worth minutes"
-    rows = [_Row("bodies", note=shapes)]
-    for body in bodies(draft.kind, draft.values):
-        origin, length = draft.origins[body.mass], {"U": "arm", "S": "strut"}.get(body.name)
-        how = f"; {_HOW[body.mass]}" if origin == ASSUMED else ""
-        long = f", length {draft.origins[length]}" if length else ""
-        row = _Row(
-            f"bodies.{body.name}",
-            note=f"{body.comment}; mass: {origin}{how}",
-            source=f"mass {origin}{long}; shape {ASSUMED}",
-            below=f"    prior:\n      - {body.shape}\n    free: {body.free}",
-        )
-        rows.append(row)
-    return rows
-
-
-def _friction(draft: Draft) -> list[_Row]:
-    a, rail = draft.values, "rail_" if draft.kind in LINEAR else ""
-    keys = f"{rail}viscous", f"{rail}coulomb"
-    law = f"{{viscous: {number(a[keys[0]])}, coulomb: {number(a[keys[1]])}}}"
-    first = _Row("friction.drive1", law, keys)
-    rows = [_Row("friction", note="N s/m and N" if rail else "N m s/rad and N m"), first]
-    rows += _other_drives(draft, first)
-    weight = GRAVITY * (a["platform_mass"] + a.get("tool_mass", 0.0))
-    if draft.kind in TELESCOPE:
-        coulomb = rounded(0.08 * a["tool_torque"])
-        others = {
-            "drive4": (coulomb / 16, coulomb, ASSUMED),
-            "slide": (0.3 * weight, 0.4 * weight, "N s/m and N, telescope; assumed"),
-        }
-    elif platform_of(draft.kind) == "i4":
-        others = {"platform": (0.3 * weight, 0.3 * weight, "N s/m and N; assumed")}
-    elif platform_of(draft.kind) != "rigid":
-        coulomb = 0.25 * weight * a["bar"]
-        others = {"platform": (coulomb / 6, coulomb, "of the bar's joints; assumed")}
-    else:
-        others = {}
-    for joint, (viscous, coulomb, note) in others.items():
-        law = f"{{viscous: {number(rounded(viscous))}, coulomb: {number(rounded(coulomb))}}}"
-        rows.append(_Row(f"friction.{joint}", law, note=note, source=ASSUMED))
-    return rows
-
-
-def _rotors(draft: Draft) -> list[_Row]:
-    if draft.kind in LINEAR:
-        value, keys, note = draft.values["rotor_mass"], ("rotor_mass",), "kg"
-    else:
-        rotor, gear = draft.values["rotor"], draft.values["gear"]
-        value, keys = _product(rotor, gear**2), ("rotor", "gear")
-        note = f"kg m², {number(rotor)} times {number(gear)}²"
-    first = _Row("rotor_inertia.drive1", number(value), keys, note)
-    turning = draft.kind in TELESCOPE
-    return [
-        _Row("rotor_inertia", note="of motor and gear, referred to the joint"),
-        first,
-        *_other_drives(draft, first),
-        *([_Row.answer(draft, "rotor_inertia.drive4", "tool_rotor", "kg m²")] if turning else []),
-    ]
-
-
-def _limits(draft: Draft) -> list[_Row]:
-    a = draft.values
-    if draft.kind in LINEAR:
-        keys = ("rail_low", "rail_high", "rail_speed", "rail_force")
-        names, values = ("position", "speed", "force"), [a[key] for key in keys]
-    else:
-        keys = ("angle_low", "angle_high", "speed", "torque", "gear")
-        names = ("angle_deg", "speed_deg_s", "torque")
-        speed, torque = _product(a["speed"], 1 / a["gear"]), _product(a["torque"], a["gear"])
-        values = [a["angle_low"], a["angle_high"], speed, torque]
-    low, high, speed, effort = map(number, values)
-    limits = f"{{{names[0]}: [{low}, {high}], {names[1]}: {speed}, {names[2]}: {effort}}}"
-    said = [f"{key.replace('_', ' ')} {draft.origins[key]}" for key in keys if key != "gear"]
-    singular = "assumed: how near to a singularity motions may come"
-    turning = []
-    if draft.kind in TELESCOPE:
-        of_tool = "tool_speed", "tool_torque"
-        rest = "{{speed_deg_s: {}, torque: {}}}".format(*(number(a[key]) for key in of_tool))
-        turning = [_Row("drive_limits.drive4", rest, of_tool)]
-    return [
-        _Row("workspace", source=_together(draft, ("radius", "low", "high"))),
-        _Row("workspace.shape", "cylinder"),
-        _Row.answer(draft, "workspace.radius", "radius", "m"),
-        _Row("workspace.z", f"[{number(a['low'])}, {number(a['high'])}]", ("low", "high")),
-        _Row("drive_limits", below=f"  # {', '.join(said)}"),
-        *(
-            _Row(f"drive_limits.drive{i + 1}", limits, source=_together(draft, keys))
-            for i in range(limbs_of(draft.kind))
-        ),
-        *turning,
-        _Row.answer(draft, "platform_speed", "top_speed", "m/s"),
-        _Row.answer(draft, "platform_acceleration", "top_acceleration", "m/s²"),
-        _Row.answer(draft, "strut_swing_deg", "swing"),
-        _Row("largest_condition", "5", note=singular, source=ASSUMED),
-    ]
