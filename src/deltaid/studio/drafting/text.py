@@ -193,7 +193,7 @@ def _keys(draft: Draft) -> Iterator[_Key]:
 
 
 def _body_keys(draft: Draft) -> Iterator[_Key]:
-    for body in bodies(draft.kind, draft.values):
+    for body in bodies(draft.kind):
         mass, length = f"{{{body.mass}_origin}}", {"U": "arm", "S": "strut"}.get(body.name)
         how = f"; {_HOW[body.mass]}" if draft.origins[body.mass] == ASSUMED else ""
         long = f", length {{{length}_origin}}" if length else ""
@@ -229,7 +229,7 @@ def _texts(draft: Draft) -> dict[str, str]:
     return {
         **{key: number(value) for key, value in {**a, **_following(kind, a)}.items()},
         **{f"{key}_origin": origin for key, origin in draft.origins.items()},
-        **{f"shape_{body.name}": body.shape for body in bodies(kind, a)},
+        **{f"shape_{body.name}": body.shape(a) for body in bodies(kind)},
         **(_h4_points(a) if kind in _H4 else {}),
         "platform": platform,
         "azimuths": _AZIMUTHS[platform],
