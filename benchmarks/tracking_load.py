@@ -25,7 +25,8 @@ from _timing import options
 from deltaid.control.controllers import Controller, ControlModel, Desired
 from deltaid.control.infeasible import motion_problems
 from deltaid.control.plant import Held, Plant, point_mass
-from deltaid.control.tracking import Drives, Knowledge, MotionTrajectory, Tracking, gains, track
+from deltaid.control.tracking import Drives, Knowledge, Tracking, gains, track
+from deltaid.control.trajectory import MotionTrajectory
 from deltaid.identification.demo import demonstrate
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model, load

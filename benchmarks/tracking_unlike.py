@@ -22,7 +22,8 @@ from _timing import options
 from deltaid.control.comparison import base_vector
 from deltaid.control.controllers import Controller, ControlModel
 from deltaid.control.plant import Plant
-from deltaid.control.tracking import Drives, MotionTrajectory, Tracking, gains, track
+from deltaid.control.tracking import Drives, Tracking, gains, track
+from deltaid.control.trajectory import MotionTrajectory
 from deltaid.dynamics.parameters import prior_parameters, with_prior
 from deltaid.errors import DeltaidError
 from deltaid.identification.identify import identify

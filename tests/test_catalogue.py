@@ -11,7 +11,8 @@ from scipy.stats import qmc
 
 from deltaid.control.controllers import ControlModel
 from deltaid.control.infeasible import motion_problems, tracking_problems
-from deltaid.control.tracking import Drives, MotionTrajectory, gains, track
+from deltaid.control.tracking import Drives, gains, track
+from deltaid.control.trajectory import MotionTrajectory
 from deltaid.dynamics.limits import AtRest
 from deltaid.model.model import Model, load
 from deltaid.motion.random_motion import random_motion, tamed

@@ -11,7 +11,7 @@ import deltaid
 from command import accepted, refused, run
 from deltaid.control.comparison import _lack, base_vector, candidates
 from deltaid.control.controllers import CONTROLLERS
-from deltaid.control.tracking import open_trajectory
+from deltaid.control.trajectory import open_trajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.record import IdentifiedModel

@@ -12,7 +12,7 @@ from deltaid.control.controllers import (
     tuned,
 )
 from deltaid.control.simulation import integrate
-from deltaid.control.tracking import MotionTrajectory
+from deltaid.control.trajectory import MotionTrajectory
 from deltaid.dynamics.dynamics import compiled, compiled_as
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters

@@ -11,7 +11,7 @@ import pytest
 
 import deltaid
 from command import accepted, refused
-from deltaid.control.tracking import open_trajectory
+from deltaid.control.trajectory import open_trajectory
 from deltaid.errors import RecordingError
 from deltaid.model.model import Model
 from deltaid.sensors.planning.rows import motion_of_file

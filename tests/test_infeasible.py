@@ -10,7 +10,8 @@ import pytest
 from command import accepted, run
 from deltaid.control.comparison import ControllerRun
 from deltaid.control.infeasible import motion_problems, tracking_problems
-from deltaid.control.tracking import Drives, MotionTrajectory, Tracking
+from deltaid.control.tracking import Drives, Tracking
+from deltaid.control.trajectory import MotionTrajectory
 from deltaid.dynamics.limits import LimitsAlong
 from deltaid.model.model import Model, load
 from deltaid.motion.fourier import FourierMotion

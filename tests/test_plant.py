@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 
 from deltaid.control.controllers import Controller, ControlModel, tuned
 from deltaid.control.plant import Held, Payload, Plant, Running, point_mass
-from deltaid.control.tracking import Drives, MotionTrajectory, SampledTrajectory, track
+from deltaid.control.tracking import Drives, track
+from deltaid.control.trajectory import MotionTrajectory, SampledTrajectory
 from deltaid.dynamics.forward_dynamics import link_side, motor_inertia, motor_speeds
 from deltaid.errors import DescriptionError
 from deltaid.model.model import Model, load

@@ -15,7 +15,8 @@ from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.identify import identify
 from deltaid.checks.signal import checked_signals
 from deltaid.control.controllers import ControlModel, tuned
-from deltaid.control.tracking import Drives, MotionTrajectory, track
+from deltaid.control.tracking import Drives, track
+from deltaid.control.trajectory import MotionTrajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.estimation.spectra import bandwidth, density, step_of, white_noise
 from deltaid.model.model import Model

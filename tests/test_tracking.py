@@ -19,7 +19,8 @@ from deltaid.control.controllers import (
 from deltaid.control.infeasible import tracking_problems
 from deltaid.control.plant import Plant
 from deltaid.control.simulate import Conditions
-from deltaid.control.tracking import Drives, Tracking, gains, open_trajectory, track
+from deltaid.control.tracking import Drives, Tracking, gains, track
+from deltaid.control.trajectory import open_trajectory
 from deltaid.dynamics.dynamics import compiled, compiled_as
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import prior_parameters

@@ -16,7 +16,8 @@ from deltaid.control.controllers import (
     ControlModel,
     Desired,
 )
-from deltaid.control.tracking import Drives, SampledTrajectory, track
+from deltaid.control.tracking import Drives, track
+from deltaid.control.trajectory import SampledTrajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.mechanism.kinematics import Samples
 from deltaid.model.model import Model

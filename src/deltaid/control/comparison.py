@@ -10,7 +10,8 @@ from deltaid.control.controllers import CONTROLLERS, NEED_MASS_MATRIX, ControlMo
 from deltaid.control.infeasible import MotionProblem, motion_problems, tracking_problems
 from deltaid.control.options import ControllerName, ControlSettings
 from deltaid.control.simulate import Conditions, conditions
-from deltaid.control.tracking import Tracking, Trajectory, gains, poses
+from deltaid.control.tracking import Tracking, gains, poses
+from deltaid.control.trajectory import Trajectory
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import DeltaidError, with_options

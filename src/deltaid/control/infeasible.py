@@ -11,7 +11,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from deltaid.control.tracking import Tracking, Trajectory
+from deltaid.control.tracking import Tracking
+from deltaid.control.trajectory import Trajectory
 from deltaid.dynamics.limits import LimitsAlong, effort_limits
 from deltaid.errors import sentence
 from deltaid.model.model import Model

@@ -12,17 +12,8 @@ from deltaid.control.controllers import CONTROLLERS, Controller, ControlModel
 from deltaid.control.infeasible import MotionProblem, motion_problems, tracking_problems
 from deltaid.control.options import ControllerName, ControlSettings
 from deltaid.control.plant import Payload, Plant, as_payload
-from deltaid.control.tracking import (
-    ENCODER_STEP,
-    Drives,
-    MotionTrajectory,
-    Tracking,
-    TrackingError,
-    Trajectory,
-    gains,
-    open_trajectory,
-    track,
-)
+from deltaid.control.tracking import ENCODER_STEP, Drives, Tracking, TrackingError, gains, track
+from deltaid.control.trajectory import MotionTrajectory, Trajectory, open_trajectory
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, positive, unknown, with_options
 from deltaid.mechanism.one_or_many import numbered
