@@ -9,7 +9,7 @@ import pytest
 
 import deltaid
 from command import accepted, refused, run
-from deltaid.control.comparison import _lack, base_vector, candidates
+from deltaid.control.comparison import _why_not, base_vector, candidates
 from deltaid.control.controllers import CONTROLLERS
 from deltaid.control.trajectory import open_trajectory
 from deltaid.dynamics.dynamics import compiled
@@ -108,7 +108,7 @@ def test_a_model_without_a_positive_mass_matrix_runs_feed_forward_only(folder: P
 
 @pytest.mark.parametrize(("eigenvalue", "runs"), [(0.02, True), (0.005, False), (-0.02, False)])
 def test_a_mass_matrix_is_judged_by_a_share_of_its_diagonal(eigenvalue: float, runs: bool) -> None:
-    assert (_lack(eigenvalue) == "") == runs
+    assert (_why_not(eigenvalue) == "") == runs
 
 
 def test_simulate_writes_a_log_that_can_be_identified(folder: Path) -> None:

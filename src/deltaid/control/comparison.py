@@ -157,10 +157,14 @@ def compare(
         for label, model in ({"": known} if name == "pd" else models).items():
             progress(f"{name} {label}")
             needs = name in NEED_MASS_MATRIX
-            if needs and model.least_eigenvalue(poses(on.motion)) <= _POSITIVE:
-                runs.append(ControllerRun(name, label, None, "M is not positive definite"))
+            if needs and (why := _why_not(model.least_eigenvalue(poses(on.motion)))):
+                runs.append(ControllerRun(name, label, None, why))
                 continue
             done, ends = on.tracked(law, model)
             problems = tracking_problems(on.plant.model, done)
             runs.append(ControllerRun(name, label, done, "", problems, ends))
     return tuple(runs)
+
+
+def _why_not(eigenvalue: float) -> str:
+    return "" if eigenvalue > _POSITIVE else "M is not positive definite"
