@@ -92,16 +92,16 @@ def preview(path: str, robot: str, mapping: dict[str, Any], span: Any = None) ->
     ]
     names = [channel.column for _, _, channel in curves]
     time = None if columns.time.is_absent else columns.time.column
-    seen = _thinned(table, time, names, span, columns.time)
+    thinned = _thinned(table, time, names, span, columns.time)
     drawn: list[Curve] = []
     for k, (quantity, drive, channel) in enumerate(curves):
         units = description.units(description.drives[drive])
-        time, values = seen.curve(k)
+        time, values = thinned.curve(k)
         scale = 1.0 if quantity == "torque" else units.per_shown
         unit = {"torque": units.force, "position": units.shown}.get(quantity, f"{units.shown}/s")
         values = scale * _si(channel, values)
         drawn.append(Curve(channel.column, quantity, drive, unit, time, values))
-    return Preview(tuple(drawn), seen.rows, seen.seconds)
+    return Preview(tuple(drawn), thinned.rows, thinned.seconds)
 
 
 def signals(path: str, time: str | None, columns: Sequence[str], span: Any = None) -> Preview:
@@ -116,13 +116,13 @@ def signals(path: str, time: str | None, columns: Sequence[str], span: Any = Non
     Raises:
         RecordingError: a column is missing, or the file cannot be read.
     """
-    seen = _thinned(open_table(Path(path)), time, columns, span)
+    thinned = _thinned(open_table(Path(path)), time, columns, span)
     stems = [re.sub(r"\d+", "…", name) for name in columns]
     drawn = [
-        Curve(name, stem, stems[:k].count(stem), "", *seen.curve(k))
+        Curve(name, stem, stems[:k].count(stem), "", *thinned.curve(k))
         for k, (name, stem) in enumerate(zip(columns, stems, strict=True))
     ]
-    return Preview(tuple(drawn), seen.rows, seen.seconds)
+    return Preview(tuple(drawn), thinned.rows, thinned.seconds)
 
 
 def _thinned(
@@ -130,14 +130,14 @@ def _thinned(
     channel: Channel | None = None,
 ) -> "MinMax":  # fmt: skip
     """Thinned curves of columns over a time column, which a channel converts, or over rows."""
-    seen = MinMax(len(names), POINTS, span)
+    thinned = MinMax(len(names), POINTS, span)
     for rows in table.rows(names if time is None else [time, *names]):
         numbers = [np.asarray(column, dtype=float) for column in rows.numbers]
-        own = np.arange(seen.rows, seen.rows + len(numbers[0]), dtype=float)
+        own = np.arange(thinned.rows, thinned.rows + len(numbers[0]), dtype=float)
         if time is not None:
             own = numbers.pop(0)
-        seen.add(own if channel is None else _si(channel, own), np.column_stack(numbers))
-    return seen
+        thinned.add(own if channel is None else _si(channel, own), np.column_stack(numbers))
+    return thinned
 
 
 def mapping_cured(
@@ -196,9 +196,9 @@ def torques(
         ]
 
     curves = thinned("torques", None, compared[0][0].measured)
-    for k, (seen, _) in enumerate(compared):
-        curves += thinned("torques", k, seen.predicted)
-        curves += thinned("errors", k, seen.predicted - seen.measured)
+    for k, (comparison, _) in enumerate(compared):
+        curves += thinned("torques", k, comparison.predicted)
+        curves += thinned("errors", k, comparison.predicted - comparison.measured)
     nrmse = np.array([nrmse for _, nrmse in compared])
     return TorqueCurves(tuple(robot.drives), tuple(curves), nrmse)
 
@@ -210,8 +210,8 @@ def _compared(
     model = load(name)
     log = open_log(path, model.dynamics.kinematics, load_mapping(mapping) if mapping else None)
     recording = as_known(model_filtered(model, log), model)
-    seen = compare(model.dynamics, model.p, recording)
-    return seen, torque_error(model.dynamics, model.p, recording).nrmse
+    nrmse = torque_error(model.dynamics, model.p, recording).nrmse
+    return compare(model.dynamics, model.p, recording), nrmse
 
 
 def _si(channel: Channel, values: np.ndarray) -> np.ndarray:

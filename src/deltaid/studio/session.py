@@ -21,7 +21,7 @@ from deltaid.studio.plan import Plan, Store, Used, digest
 from deltaid.studio.runs import FinishedRun, new_run, output, runs
 from deltaid.studio.steps import Kind, Step
 
-_Found = TypeVar("_Found")
+_Result = TypeVar("_Result")
 
 STAGES: tuple[str, ...] = ("robot", "recording", "check", "fit", "result", "use")
 
@@ -53,7 +53,7 @@ class Session:
         self.drafts: dict[str, FileEdit] = {}
         self.choices: dict[str, Any] = {}
         self.poses: dict[tuple[str, str], tuple[float, ...]] = {}
-        self._seen: dict[tuple[Any, ...], Any] = {}
+        self._results: dict[tuple[Any, ...], Any] = {}
         self._task: asyncio.Task[None] | None = None
         self._pool: ProcessPoolExecutor | None = None
 
@@ -115,7 +115,7 @@ class Session:
             return ""
         return str(output(self.folder, last).get("grade", ""))
 
-    async def read_cached(self, function: Callable[..., _Found], *given: Any) -> _Found:
+    async def read_cached(self, function: Callable[..., _Result], *given: Any) -> _Result:
         """Call a function on files in a separate process; the result is cached until they change.
 
         Raises:
@@ -126,13 +126,13 @@ class Session:
             *map(repr, given),
             *(self.stamped(name) for name in given if isinstance(name, str)),
         )
-        if key not in self._seen:
-            self._seen[key] = await self.read(function, *given)
-            for oldest in list(self._seen)[:-REMEMBERED]:
-                del self._seen[oldest]
-        return self._seen[key]
+        if key not in self._results:
+            self._results[key] = await self.read(function, *given)
+            for oldest in list(self._results)[:-REMEMBERED]:
+                del self._results[oldest]
+        return self._results[key]
 
-    async def read(self, function: Callable[..., _Found], *given: Any) -> _Found:
+    async def read(self, function: Callable[..., _Result], *given: Any) -> _Result:
         """Call a function in the separate process without the cache."""
         pool, loop = self.warm(), asyncio.get_running_loop()
         try:

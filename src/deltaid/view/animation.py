@@ -24,7 +24,7 @@ from deltaid.view.page import Figure, Section, Table, Text
 _FRAMES, _SECONDS, _PATH = 100, 4.0, 2000
 # Camera slightly above the robot, far enough for the titles of the axes.
 CAMERA = {"eye": {"x": 1.6, "y": 1.15, "z": 0.45}, "center": {"z": -0.12}}
-_SEEN = 60.0  # duration of the searched part of a recording [s]
+_SEARCHED = 60.0  # duration of the searched part of a recording [s]
 
 
 def recorded_motion(
@@ -35,7 +35,7 @@ def recorded_motion(
     for window in recording.windows(kinematics):
         time.append(window.own.time)
         z.append(window.own.z)
-        if time[-1][-1] - time[0][0] > _SEEN:
+        if time[-1][-1] - time[0][0] > _SEARCHED:
             break
     return np.concatenate(time), np.concatenate(z)
 
@@ -52,9 +52,9 @@ def animation(
         time, z: of the motion, at a constant rate.
     """
     workspace, path = kinematics.robot.workspace, kinematics.robot.task.point(z)
-    seen = _liveliest(time, path)
-    count = min(_FRAMES, seen.stop - seen.start)
-    chosen = np.linspace(seen.start, seen.stop - 1, count).astype(int)
+    stretch = _liveliest(time, path)
+    count = min(_FRAMES, stretch.stop - stretch.start)
+    chosen = np.linspace(stretch.start, stretch.stop - 1, count).astype(int)
     skeleton, shown = Skeleton(kinematics.robot, kinematics.mechanism), time[chosen]
     shapes = skeleton.evaluate(z[chosen])
     lines = robot_lines(skeleton, shapes[0])
@@ -66,7 +66,7 @@ def animation(
         *([lines.pop("base")] if "base" in lines else []),
         still_line("workspace", outline(workspace), thin).update(showlegend=False),
         still_line("path", path[even_rows(len(path), _PATH)], dots),
-        still_line("path shown", path[seen][::5], {"color": style.SERIES[1], "width": 3}),
+        still_line("path shown", path[stretch][::5], {"color": style.SERIES[1], "width": 3}),
     ]
     frames = [
         go.Frame(

@@ -44,15 +44,15 @@ def identification_page(result: Identification, verification: Validation | None 
     # The table of checks below the verdict shows these sentences already.
     sentences = {verdict.sentence for verdict in verdicts}
     warnings = [text for text in model.warnings if text not in sentences]
-    log, error, seen, verified = None, None, comparisons[0], ""
+    log, error, main, verified = None, None, comparisons[0], ""
     if verification is not None:
         error, log = verification
-        seen, verified = compare(dynamics, model.p, model_filtered(model, log)), log.path.name
+        main, verified = compare(dynamics, model.p, model_filtered(model, log)), log.path.name
         warnings += [f"{verified}: {text}" for text in verification.remarks]
     titles = [f"Torques: {x.path.name}" for x in recordings] if recordings[1:] else ["Torques"]
     shown = [
         *zip(comparisons, titles, strict=True),
-        *([(seen, "Verification")] if verified else []),
+        *([(main, "Verification")] if verified else []),
     ]
     checks = Section("Checks", (page_table(verdicts),), f"all verdicts: {tally(verdicts)}")
     logs = ", ".join(source.log for source in model.sources)
@@ -66,11 +66,11 @@ def identification_page(result: Identification, verification: Validation | None 
         front=(
             *((short_table(verdicts),) if verdicts else ()),
             model_tables.error_table(load(model), error),
-            over_time(seen),
+            over_time(main),
         ),
         sections=(
             corrections.correction_section(model),
-            *(_torque_section(x, title, front=x is seen) for x, title in shown),
+            *(_torque_section(x, title, front=x is main) for x, title in shown),
             _motion_section(dynamics, recordings[0]),
             parameters.parameter_section(model),
             friction_section(model, comparisons),

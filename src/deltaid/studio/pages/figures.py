@@ -21,7 +21,7 @@ from deltaid.view.at_pose import View, panel
 from deltaid.view.drawing import Placement
 from deltaid.view.style import stacked
 
-_Seen = TypeVar("_Seen")
+_Data = TypeVar("_Data")
 Options = dict[str, Any]
 Span = tuple[float, float]
 
@@ -32,11 +32,11 @@ _GRID = "rgba(128,128,128,.25)"
 _LETTERS = 26
 
 
-def curves(seen: Preview, time: str = "time [s]") -> Options:
+def curves(data: Preview, time: str = "time [s]") -> Options:
     """Curves of all drives, one panel per quantity, over a common time axis."""
     titles = {
         c.quantity: f"{c.quantity} [{c.unit}]" if c.unit else c.quantity[-_LETTERS:]
-        for c in seen.curves
+        for c in data.curves
     }
     rows = {quantity: row for row, quantity in enumerate(titles, 1)}
     traces = [
@@ -47,9 +47,9 @@ def curves(seen: Preview, time: str = "time [s]") -> Options:
             "line": {"color": _COLOURS[curve.drive % len(_COLOURS)], "width": 1},
             "row": rows[curve.quantity],
         }
-        for curve in seen.curves
+        for curve in data.curves
     ]
-    return _panels(list(titles.values()), seen.curves, traces, time)
+    return _panels(list(titles.values()), data.curves, traces, time)
 
 
 def compared_curves(compared: TorqueCurves, names: Sequence[str], shown: str) -> Options:
@@ -102,26 +102,26 @@ def _panels(
 
 
 async def zoomable(
-    label: str, see: Callable[[Span | None], Awaitable[_Seen]], draw: Callable[[_Seen], Options]
-) -> _Seen:
+    label: str, read: Callable[[Span | None], Awaitable[_Data]], draw: Callable[[_Data], Options]
+) -> _Data:
     """A figure that is redrawn with more detail when its time span changes; returns its data.
 
     Args:
         label: its content, for screen readers.
-        see: reads the data of a span [s], or of all time for None.
+        read: reads the data of a span [s], or of all time for None.
         draw: makes the figure, with a common time axis for all panels.
     """
     with parts.waiting():
-        seen = await see(None)
-    plot = ui.plotly(draw(seen)).classes("w-full").props(f'role=img aria-label="{label}"')
+        data = await read(None)
+    plot = ui.plotly(draw(data)).classes("w-full").props(f'role=img aria-label="{label}"')
 
     async def zoomed(event: events.GenericEventArguments) -> None:
         asked = _span(event.args)
         if asked is not False:
-            plot.update_figure(draw(await see(asked)))
+            plot.update_figure(draw(await read(asked)))
 
     plot.on("plotly_relayout", zoomed)
-    return seen
+    return data
 
 
 def _span(said: Mapping[str, Any]) -> Span | Literal[False] | None:
@@ -139,9 +139,9 @@ async def preview(session: Session, used: Used, mapping: Data) -> None:
     if not mapping:
         return
     robot, said = session.place(session.plan.robot or ""), ui.label().classes("dim")
-    seen = await _preview_plot(session, used, look.preview, (robot, mapping))
+    data = await _preview_plot(session, used, look.preview, (robot, mapping))
     said.set_text(
-        f"{seen.seconds:.4g} s, {(seen.rows - 1) / max(seen.seconds, 1e-9):.4g} rows a second; "
+        f"{data.seconds:.4g} s, {(data.rows - 1) / max(data.seconds, 1e-9):.4g} rows a second; "
         "angles in degrees. Do they look like what the robot did?"
     )
 
@@ -174,14 +174,14 @@ async def signals(
 
 
 async def _preview_plot(
-    session: Session, used: Used, see: Callable[..., Preview], given: tuple[Any, ...],
+    session: Session, used: Used, read: Callable[..., Preview], given: tuple[Any, ...],
     time: str = "time [s]",
 ) -> Preview:  # fmt: skip
     path = str(session.folder.path(used.file))
     return await zoomable(
         f"Preview of {used.file}",
-        lambda span: session.read_cached(see, path, *given, span),
-        lambda seen: curves(seen, time),
+        lambda span: session.read_cached(read, path, *given, span),
+        lambda data: curves(data, time),
     )
 
 
