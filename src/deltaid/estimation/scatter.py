@@ -205,6 +205,13 @@ def correlations(V: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     return V / np.outer(size, size) + ROUNDING * np.eye(len(V))
 
 
+def scaled_cholesky(
+    V: Float[np.ndarray, "n n"],
+) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
+    """L and d with V = diag(d) L Lᵀ diag(d), also if rounding has made V singular."""
+    return np.linalg.cholesky(correlations(V)), np.sqrt(np.diag(V))
+
+
 def quantile(nu: Each) -> Each:
     """Student's 97.5 % quantile: half width of a 95 % interval in standard deviations."""
     return stdtrit(nu, 0.975)

@@ -18,8 +18,8 @@ from scipy.linalg import cho_solve, solve_triangular
 
 from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.problem import CauseColumns, Columns, NoiseBlock, Rows, group_sums
-from deltaid.estimation.scatter import surprise
-from deltaid.levels import FAINT, LEVEL, ROUNDING, ROUNDS
+from deltaid.estimation.scatter import scaled_cholesky, surprise
+from deltaid.levels import FAINT, LEVEL, ROUNDS
 
 # Columns of one of several groups, whose numbers differ.
 OfGroup = Float[np.ndarray, "_ _"]
@@ -110,16 +110,14 @@ class Shrunk:
 
     @cached_property
     def _factor(self) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
-        """L with L Lᵀ = the precision of x in units of `size`, and this size."""
-        size = 1.0 / np.sqrt(np.diag(self._precision))
-        scaled = self._precision * np.outer(size, size)
-        return np.linalg.cholesky(scaled + ROUNDING * np.eye(len(size))), size
+        """L and d with diag(d) L Lᵀ diag(d) = the precision of x."""
+        return scaled_cholesky(self._with_priors(self.groups)[0])
 
     @cached_property
     def _root(self) -> Float[np.ndarray, "n n"]:
         """W with WᵀW = the covariance of x."""
         L, size = self._factor
-        return solve_triangular(L, np.diag(size), lower=True, check_finite=False)
+        return solve_triangular(L, np.diag(1.0 / size), lower=True, check_finite=False)
 
     @cached_property
     def _normal(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -129,10 +127,6 @@ class Shrunk:
         for block, sigma in zip(self.blocks, self.sigma, strict=True):
             K, r = K + block.normal / sigma**2, r + block.right / sigma**2
         return self.sigma, K, r
-
-    @cached_property
-    def _precision(self) -> Float[np.ndarray, "n n"]:
-        return self._with_priors(self.groups)[0]
 
     def _with_priors(
         self, groups: Sequence[CauseColumns]
@@ -206,12 +200,9 @@ class Shrunk:
         K, r = self._with_priors([other for other in self.groups if other is not group])
         K[rest, rest] += group.deviation[count:] ** -2.0
         others = np.setdiff1d(np.arange(len(r)), own)
-        size = 1.0 / np.sqrt(np.diag(K)[others])
-        L = np.linalg.cholesky(
-            K[np.ix_(others, others)] * np.outer(size, size) + ROUNDING * np.eye(len(size))
-        )
-        half = solve_triangular(L, K[np.ix_(others, own)] * size[:, None], lower=True)
-        right = solve_triangular(L, r[others] * size, lower=True)
+        L, size = scaled_cholesky(K[np.ix_(others, others)])
+        half = solve_triangular(L, K[np.ix_(others, own)] / size[:, None], lower=True)
+        right = solve_triangular(L, r[others] / size, lower=True)
         # in units of the prior, without eigenvalues below rounding
         unit = group.deviation[:count]
         S = (K[np.ix_(own, own)] - half.T @ half) * np.outer(unit, unit)
@@ -301,7 +292,7 @@ class Shrunk:
         """Logarithm of the probability of the rows, up to a constant."""
         cost = float(np.sum((self.D @ self.x - self.d) ** 2))
         L, size = self._factor
-        volume = 2.0 * float(np.sum(np.log(np.diag(L) / size)))
+        volume = 2.0 * float(np.sum(np.log(np.diag(L) * size)))
         for block, sigma in zip(self.blocks, self.sigma, strict=True):
             cost += float(np.sum(self.residual(block) ** 2)) / sigma**2
         for group, alpha in zip(self.groups, self.alpha, strict=True):
@@ -328,10 +319,8 @@ class Shrunk:
         """Changes of x by errors of some groups' coefficients: one column for a standard deviation
         of each independent error."""
         columns = np.concatenate([np.zeros(0, dtype=int), *(group.columns for group in groups)])
-        own = self.covariance[np.ix_(columns, columns)]
-        size = np.sqrt(np.diag(own))
+        half, size = scaled_cholesky(self.covariance[np.ix_(columns, columns)])
         by_scatter = np.concatenate([np.zeros(0), *(self.deviation(group) for group in groups)])
-        half = np.linalg.cholesky(own / np.outer(size, size) + ROUNDING * np.eye(len(size)))
         moves = cho_solve((half, True), (self.covariance[:, columns] / size).T).T
         return moves @ (half * (by_scatter / size)[:, None])
 

@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 from deltaid.dynamics.parameters import inertia_size, stated_spreads
 from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.objective import prior_scale
-from deltaid.estimation.scatter import NORMAL, correlations, inverse
+from deltaid.estimation.scatter import NORMAL, correlations, inverse, scaled_cholesky
 from deltaid.identification.doubts import ambiguous
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import ConsistentRanges, Uncertainty, uncertainty
@@ -227,7 +227,7 @@ def posterior_record(problem: FittedProblem) -> PosteriorRecord:
     robots = np.array(base.representatives) < n
     values, V = _given(b, V, robots)
     names, rows = reduction.layout.names, K[robots, :n]
-    L = np.linalg.cholesky(correlations(V)) * np.sqrt(np.diag(V))[:, None]
+    L, size = scaled_cholesky(V)
     return PosteriorRecord(
         spread=spread,
         wider={names[i]: float(w) for i, w in enumerate(reduction.wider[:n]) if w != 1},
@@ -238,7 +238,8 @@ def posterior_record(problem: FittedProblem) -> PosteriorRecord:
         ),
         values=tuple(values.tolist()),
         factor=tuple(
-            tuple(float(f"{value:.6e}") for value in row[: k + 1]) for k, row in enumerate(L)
+            tuple(float(f"{value:.6e}") for value in row[: k + 1])
+            for k, row in enumerate(L * size[:, None])
         ),
     )
 

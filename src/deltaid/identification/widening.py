@@ -33,7 +33,7 @@ from deltaid.errors import Doubt
 from deltaid.estimation.conic import SOLVERS, minimise
 from deltaid.estimation.information import triangle
 from deltaid.estimation.objective import parameter_scale, pose
-from deltaid.estimation.scatter import correlations, inverse, surprise
+from deltaid.estimation.scatter import inverse, scaled_cholesky, surprise
 from deltaid.identification.fit import FittedProblem, posed, settled, with_geometry
 from deltaid.levels import EXACT, ROUNDS
 from deltaid.model.corrections import Correction
@@ -109,7 +109,7 @@ class PriorEvidence:
         j = self.names.index(name)
         s[j] = 1.0
         C, responses, _ = self._covariance(s)
-        L, size = _cholesky(C)
+        L, size = scaled_cholesky(C)
         u = responses[:, j] / size
         a, q = u @ (solved := cho_solve((L, True), u)), solved @ (self.d / size)
         return surprise(float(q**2 / a), 1) if a > np.finfo(float).eps else 0.0
@@ -124,7 +124,7 @@ class PriorEvidence:
 
     def _entries(self, s: Factors) -> list[_Wider]:
         C, u, rest = self._covariance(s)
-        (L, size), count = _cholesky(C), len(self.names)
+        (L, size), count = scaled_cholesky(C), len(self.names)
         u, rest = u[:, :count] / size[:, None], rest[:count]
         solved = cho_solve((L, True), np.column_stack([u, self.d / size]))
         a, q = np.sum(u * solved[:, :count], axis=0), u.T @ solved[:, count]
@@ -152,7 +152,7 @@ class PriorEvidence:
 
     def _value(self, s: Factors) -> float:
         """Twice the logarithm of the evidence, but for a constant."""
-        L, size = _cholesky(self._covariance(s)[0])
+        L, size = scaled_cholesky(self._covariance(s)[0])
         residual = solve_triangular(L, self.d / size, lower=True)
         return float(-residual @ residual - 2 * np.log(size * np.diag(L)).sum())
 
@@ -163,11 +163,6 @@ def _least(candidates: Iterable[_Wider]) -> _Wider:
     best = max((wider.gain for wider in candidates), default=0.0)
     close = (wider for wider in candidates if wider.gain >= best - CLOSE)
     return min(close, key=lambda wider: wider.factor, default=_Wider([], 1.0, -np.inf))
-
-
-def _cholesky(C: Float[np.ndarray, "n n"]) -> tuple[Float[np.ndarray, "n n"], Factors]:
-    """L and d with C = diag(d) L Lᵀ diag(d)."""
-    return np.linalg.cholesky(correlations(C)), np.sqrt(np.diag(C))
 
 
 def evidence(problem: FittedProblem) -> PriorEvidence:
