@@ -43,8 +43,6 @@ class Shrunk:
         groups: columns that are shrunk; others have only the prior D.
         alpha: scale of each group's prior.
         sigma: noise of each block.
-        given: cached sigma with the normal equations K, r of blocks and prior for it, without the
-            priors of groups.
     """
 
     blocks: tuple[NoiseBlock, ...]
@@ -53,7 +51,6 @@ class Shrunk:
     groups: tuple[CauseColumns, ...]
     alpha: Float[np.ndarray, " groups"]
     sigma: Float[np.ndarray, " blocks"]
-    given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     @classmethod
     def fitted(
@@ -75,7 +72,7 @@ class Shrunk:
         now = self
         for _ in range(ROUNDS):
             sigma = now._noise if noise else now.sigma
-            after = replace(now, alpha=now._scales, sigma=sigma, given=now._normal)
+            after = replace(now, alpha=now._scales, sigma=sigma)
             change = np.abs(np.log(after.alpha / now.alpha)).max(initial=0.0)
             change = max(change, float(np.abs(np.log(after.sigma / now.sigma)).max()))
             now = after
@@ -119,20 +116,13 @@ class Shrunk:
         L, size = self._factor
         return solve_triangular(L, np.diag(1.0 / size), lower=True, check_finite=False)
 
-    @cached_property
-    def _normal(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        if self.given is not None and self.given[0] is self.sigma:
-            return self.given
-        K, r = self.D.T @ self.D, self.D.T @ self.d
-        for block, sigma in zip(self.blocks, self.sigma, strict=True):
-            K, r = K + block.normal / sigma**2, r + block.right / sigma**2
-        return self.sigma, K, r
-
     def _with_priors(
         self, groups: Sequence[CauseColumns]
     ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
         """K, r with the priors of these groups."""
-        _, K, r = (values.copy() for values in self._normal)
+        K, r = self.D.T @ self.D, self.D.T @ self.d
+        for block, sigma in zip(self.blocks, self.sigma, strict=True):
+            K, r = K + block.normal / sigma**2, r + block.right / sigma**2
         for group, alpha in zip(self.groups, self.alpha, strict=True):
             if group in groups:
                 precision = (alpha * group.deviation) ** -2.0
@@ -240,9 +230,7 @@ class Shrunk:
             replace(block, A=block.A[:, stay], b=block.b - block.A[:, gone] @ held)
             for block in self.blocks
         )
-        sigma, K, r = self._normal
-        given = sigma, K[np.ix_(stay, stay)], r[stay] - K[np.ix_(stay, gone)] @ held
-        return Shrunk(blocks, self.D[:, stay], self.d, groups, self.alpha[kept], sigma, given)
+        return Shrunk(blocks, self.D[:, stay], self.d, groups, self.alpha[kept], self.sigma)
 
     def with_groups(
         self, candidates: Sequence[tuple[str, Sequence[OfGroup], Float[np.ndarray, " _"]]]
