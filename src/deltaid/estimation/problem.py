@@ -175,11 +175,6 @@ class LinearProblem:
         """The same over y, for x = A y + x_0."""
         return replace(self, A=self.A @ A, b=self.b - self.A @ x_0)
 
-    @property
-    def triangle(self) -> Columns:
-        """The triangle R of [A b], RᵀR = [A b]ᵀ[A b]."""
-        return np.asarray(np.linalg.qr(np.column_stack([self.A, self.b]), mode="r"))
-
     def covariance(self, entries: slice = slice(None)) -> Float[np.ndarray, "columns columns"]:
         """Covariance of entries of x, by the scatter between groups and the prior."""
         influence = self.span.Q @ self.inverse[entries].T

@@ -159,7 +159,8 @@ class Ranges:
         self._noise, self._known, self._p = given.estimate.noise, known, p
         self._shifts, self._white = given.geometry.shifts, max(self._noise.sigma, NOISE_FLOOR)
         information, unknown, at = given.information, known.unknowns, given.information.columns
-        self._data = information.problem.substituted(unknown.A[at], unknown.p_0[at]).triangle
+        problem = information.problem.substituted(unknown.A[at], unknown.p_0[at])
+        self._data = triangle(np.column_stack([problem.A, problem.b]))
 
     @threadpool_limits.wrap(limits=1, user_api="blas")
     def force_range(self, c: Coefficients) -> Range:
