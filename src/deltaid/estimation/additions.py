@@ -175,9 +175,9 @@ def torques_of(
 
 
 def entries(
-    regressor: Extended, w: SampleBlock, load: Motion, recording: PreparedRecording
+    regressor: Extended, w: SampleBlock, load: Motion | None, recording: PreparedRecording
 ) -> Values:
     """Entries of Y along some samples of a recording, in the order of the pattern; `load` is the
-    torque of gears that load friction uses."""
+    torque of gears that load friction uses, None for a robot without it."""
     own = entries_at(regressor.regressor, w.z, w.qd, w.qdd, load)
     return np.vstack([own, *(more.entries(w, own, recording) for more in regressor.additions)])

@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import RecordingError
-from deltaid.estimation.additions import Addition, extended
-from deltaid.estimation.information import active_columns, entries_at
+from deltaid.estimation.additions import Addition, entries, extended
+from deltaid.estimation.information import active_columns
 from deltaid.recording.delay import LagGrowth, Shift
 from deltaid.recording.filter import LowPass
 from deltaid.recording.log import MOST_WINDOWS
@@ -106,8 +106,7 @@ class Trace:
         load = None
         if self.dynamics.robot.load_drives:
             load = self.dynamics.carried(w.z, w.qd, w.qdd, self.load) + w.carried
-        own = entries_at(self.dynamics, w.z, w.qd, w.qdd, load)
-        return np.vstack([own, *(more.entries(w, own, self.recording) for more in additions)])
+        return entries(extended(self.dynamics, additions), w, load, self.recording)
 
     def behind(self, x: Values, drives: Int[np.ndarray, " channels"]) -> Values:
         """Channels behind the filters of their drives, 1 / (1 + T s), from a steady state on."""
