@@ -26,9 +26,9 @@ from deltaid.effects.geometry import GearRatios, Lengths, Tilt, Zeros
 from deltaid.effects.point import Deviations, TracePoint, UnknownEffect
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.drive_rows import ColumnsOfDrives
-from deltaid.identification.contest_stage import swept_beside
+from deltaid.identification.contest_stage import contested, swept_beside
 from deltaid.identification.setup import Progress, Setup
-from deltaid.identification.stages import before_contest
+from deltaid.identification.stages import run_stages
 from deltaid.mechanism.growth import mounting_symbols
 from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade, percent
@@ -114,7 +114,8 @@ def torque_rows(
     instead = (Zeros.name, Lengths.name, Tilt.name, *rails)
     try:
         with np.errstate(divide="ignore", invalid="ignore"):  # drives at rest
-            contest = swept_beside(before_contest(setup, progress), numbers, instead)
+            corrected = run_stages(setup, progress, before=contested)
+            contest = swept_beside(corrected, numbers, instead)
     except np.linalg.LinAlgError:
         raise refused("no model fits these torques, as where drives stand still") from None
     if contest is None:

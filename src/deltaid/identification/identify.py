@@ -16,6 +16,7 @@ from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.assembly import assembled
 from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
+from deltaid.identification.friction_choice import chosen_friction
 from deltaid.identification.friction_constants import LawConstants, freed
 from deltaid.identification.gains import moves_of_scale
 from deltaid.identification.judgement import judged_parameters
@@ -23,7 +24,7 @@ from deltaid.identification.lags_and_gears import without_doubtful_lags
 from deltaid.identification.loads import found_loads, held, unloaded
 from deltaid.identification.setup import Setup
 from deltaid.identification.sources import source
-from deltaid.identification.stages import before_laws, idle, with_laws
+from deltaid.identification.stages import idle, run_stages
 from deltaid.identification.study import Study
 from deltaid.identification.torque_error import TorqueError, torque_error
 from deltaid.identification.widening import with_widened_prior
@@ -193,8 +194,10 @@ def _confirmed(
     def fitted(setup: Setup) -> FittedProblem:
         return fit(setup.dynamics, setup.recordings, setup.settings, progress, setup.additions)
 
-    corrected = corrected or before_laws(first, progress)
-    setup = watched(with_laws(corrected.changed(barred=first.barred), progress))
+    # Barred terms change nothing before laws are chosen.
+    corrected = corrected or run_stages(first, progress, before=chosen_friction)
+    corrected = corrected.changed(barred=first.barred)
+    setup = watched(run_stages(corrected, progress, first=chosen_friction))
     problem = fitted(setup)
     if setup.additions:
         confirmed = without_doubtful_lags(setup, judged_parameters(problem, len(problem.p)))

@@ -6,7 +6,6 @@ lag is then at its bound, and a law without it is chosen instead. An effect that
 needless is removed likewise.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -114,26 +113,14 @@ STAGES: tuple[Stage, ...] = (
 )
 
 
-def after(setup: Setup, stages: Sequence[Stage], progress: Progress) -> Setup:
-    """A setup after some stages."""
-    for stage in stages:
+def run_stages(
+    setup: Setup, progress: Progress, *, first: Stage = STAGES[0], before: Stage | None = None
+) -> Setup:
+    """A setup after the stages from `first` on, all or those `before` another one."""
+    stop = None if before is None else STAGES.index(before)
+    for stage in STAGES[STAGES.index(first) : stop]:
         setup = stage(setup, progress)
     return setup
-
-
-def before_contest(setup: Setup, progress: Progress) -> Setup:
-    """A setup after the stages before causes are weighed against each other."""
-    return after(setup, STAGES[: STAGES.index(contested)], progress)
-
-
-def before_laws(setup: Setup, progress: Progress) -> Setup:
-    """A setup after the stages before friction laws are chosen, which no barred term changes."""
-    return after(setup, STAGES[: STAGES.index(chosen_friction)], progress)
-
-
-def with_laws(setup: Setup, progress: Progress) -> Setup:
-    """A setup after the remaining stages."""
-    return after(setup, STAGES[STAGES.index(chosen_friction) :], progress)
 
 
 class Idle(NamedTuple):
