@@ -102,7 +102,9 @@ def test_degrees_of_freedom_are_those_of_the_part_that_noise_adds(case) -> None:
 
     def with_noise(level: float) -> Uncertainty:
         noise = replace(problem.estimate.noise, sigma=level, freedom=freedom, scatter=None)
-        return uncertainty(replace(problem, estimate=replace(problem.estimate, noise=noise)))
+        return uncertainty(
+            replace(problem, least_squares=replace(problem.least_squares, noise=noise))
+        )
 
     sigma = 20 * problem.noise  # noise and prior then matter both, here or there
     one, two = with_noise(sigma), with_noise(2 * sigma)

@@ -152,9 +152,7 @@ def fitted(
     rows = recordings.block.geometric_rows(merging, np.sqrt(problem.information.weights))
     if rows is not None:
         geometry = shifted([rows], problem.base, problem.information, additions)
-        problem = replace(
-            problem, estimate=problem.estimate.with_shifts(geometry.shifts), geometry=geometry
-        )
+        problem = replace(problem, geometry=geometry)
     return widened(problem)
 
 

@@ -101,7 +101,7 @@ class FittedProblem:
     Attributes:
         gathered: the recordings' information, in total, in stretches of time and by place.
         base: combinations of parameters that the motion determines.
-        estimate: their weighted least-squares values, without prior and consistency.
+        least_squares: their weighted least-squares values, without prior and consistency.
         additions: fitted with the robot.
         geometry: changes of base parameters by the robot's tolerances; empty at first.
         moves: changes of parameters, by name, by errors of corrected causes.
@@ -113,10 +113,15 @@ class FittedProblem:
     objective: Objective
     solution: Solution
     base: BaseParameters
-    estimate: BaseEstimate
+    least_squares: BaseEstimate
     geometry: Geometry
     additions: tuple[Addition, ...] = ()
     moves: tuple[Mapping[str, float], ...] = ()
+
+    @cached_property
+    def estimate(self) -> BaseEstimate:
+        """`least_squares` with intervals that include errors of geometry and corrected causes."""
+        return replace(self.least_squares, shifts=self.geometry.shifts)
 
     @property
     def information(self) -> Information:
@@ -190,9 +195,8 @@ def with_geometry(problem: FittedProblem, recordings: Sequence[PreparedRecording
     base, information = problem.base, problem.information
     geometric = geometry(
         problem.dynamics, recordings, base, information, problem.values, problem.additions
-    ).beside(base, problem.moves)
-    estimate = problem.estimate.with_shifts(geometric.shifts)
-    return replace(problem, estimate=estimate, geometry=geometric)
+    )
+    return replace(problem, geometry=geometric.with_causes(base, problem.moves))
 
 
 def settled(
@@ -254,8 +258,14 @@ def fit_to(
         message = f"no consistent robot moves like this: {contradiction(wrong, dynamics.robot)}"
         raise IdentificationError(message, cure=CURE) from error
     base = base_parameters(information, reduction.layout)
-    estimate = estimate_base(base, information, groups=gathered)
-    exact = Geometry((), np.zeros((base.rank, 0)))
     return FittedProblem(
-        dynamics, settings, gathered, objective, solution, base, estimate, exact, tuple(additions)
+        dynamics=dynamics,
+        settings=settings,
+        gathered=gathered,
+        objective=objective,
+        solution=solution,
+        base=base,
+        least_squares=estimate_base(base, information, groups=gathered),
+        geometry=Geometry.exact(base),
+        additions=tuple(additions),
     )

@@ -40,8 +40,13 @@ class Geometry:
     names: tuple[str, ...]
     shifts: Float[np.ndarray, "base quantities"]
 
-    def beside(self, base: BaseParameters, moves: Sequence[Mapping[str, float]]) -> "Geometry":
-        """With other causes, whose deviations change parameters by `moves`, by name."""
+    @classmethod
+    def exact(cls, base: BaseParameters) -> "Geometry":
+        """Nothing is off."""
+        return cls((), np.zeros((base.rank, 0)))
+
+    def with_causes(self, base: BaseParameters, moves: Sequence[Mapping[str, float]]) -> "Geometry":
+        """With corrected causes, whose deviations change parameters by `moves`, by name."""
         names = base.layout.names
         parameters = np.array([[move.get(name, 0.0) for name in names] for move in moves])
         shifts = base.combination() @ parameters.reshape(-1, len(names)).T
@@ -80,7 +85,7 @@ def geometry(
         values: all fitted parameters, those of additions behind the robot's.
     """
     if dynamics.robot.tolerances.exact:
-        return Geometry((), np.zeros((base.rank, 0)))
+        return Geometry.exact(base)
     regressor, weights = extended(dynamics, additions), np.sqrt(information.weights)
     rows = [
         row

@@ -7,6 +7,7 @@ p_B = (Y_BᵀWY_B)⁻¹ Y_BᵀW τ̄, solved by QR from the information. The wei
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -20,7 +21,7 @@ from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import Information
 from deltaid.estimation.objective import parameter_scale
 from deltaid.estimation.problem import LinearProblem
-from deltaid.estimation.scatter import Noise, half_width, inverse, observe, quantile
+from deltaid.estimation.scatter import Noise, half_width, inverse, observe
 from deltaid.identification.gathering import Gathered, gather_all, gather_balanced
 from deltaid.identification.geometric_rows import geometry
 from deltaid.identification.torque_error import torque_error
@@ -36,28 +37,31 @@ class BaseEstimate:
 
     Attributes:
         method: the weight.
-        interval: half widths of the 95 % intervals.
         full: a vector p with these base parameters: representatives have the values, others are 0.
-        noise: from which standard deviations and intervals follow.
+        noise: of the rows.
+        shifts: of p_B by the standard deviations of uncertain quantities.
     """
 
     method: LeastSquaresMethod
     values: Float[np.ndarray, " base"]
-    std: Float[np.ndarray, " base"]
-    interval: Float[np.ndarray, " base"]
     full: Float[np.ndarray, " parameters"]
     noise: Noise
+    shifts: Float[np.ndarray, "base quantities"]
 
-    @property
+    @cached_property
     def by_noise(self) -> tuple[Float[np.ndarray, " base"], Float[np.ndarray, " base"]]:
         """Standard deviations by noise alone, and their degrees of freedom."""
         return self.noise.deviations(inverse(self.noise.root).T)
 
-    def with_shifts(self, shifts: Float[np.ndarray, "base quantities"]) -> "BaseEstimate":
-        """The same with wider intervals, for quantities whose deviations shift p_B."""
-        by_noise, freedom = self.by_noise
-        std = np.hypot(by_noise, np.linalg.norm(shifts, axis=1))
-        return replace(self, std=std, interval=half_width(std, by_noise, freedom))
+    @property
+    def std(self) -> Float[np.ndarray, " base"]:
+        """Standard deviations by noise and shifts."""
+        return np.hypot(self.by_noise[0], np.linalg.norm(self.shifts, axis=1))
+
+    @property
+    def interval(self) -> Float[np.ndarray, " base"]:
+        """Half widths of the 95 % intervals."""
+        return half_width(self.std, *self.by_noise)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for small matrices, threads only wait
@@ -101,7 +105,7 @@ def identify_base(
     S = np.diag(parameter_scale(dynamics.layout, prior))
     p = prior + S @ np.linalg.lstsq(K @ S, estimate.values - K @ prior, rcond=None)[0]
     shifts = geometry(dynamics, recordings, base, gathered.information, p).shifts
-    return base, estimate.with_shifts(shifts)
+    return base, replace(estimate, shifts=shifts)
 
 
 def estimate_base(
@@ -129,10 +133,9 @@ def estimate_base(
         freedom=problem.freedom,
         groupings=((name, S[:, places][:, :, places]) for name, S in sums.items()),
     )
-    std, nu = noise.deviations(inverse(noise.root).T)
     full = np.zeros(len(base.layout.names))
     full[base.representatives] = problem.x
-    return BaseEstimate(method, problem.x, std, quantile(nu) * std, full, noise)
+    return BaseEstimate(method, problem.x, full, noise, np.zeros((base.rank, 0)))
 
 
 def _whitening(
