@@ -47,7 +47,7 @@ class Push(Addition):
         return np.ones((1, len(w.time)))
 
     @property
-    def witness(self) -> str:
+    def scale_reference(self) -> str:
         return "a push"
 
 

@@ -62,7 +62,7 @@ class Weight(Addition):
         return Free((), np.zeros((1, 0)), np.array([MASS]), ())
 
     @property
-    def witness(self) -> str:
+    def scale_reference(self) -> str:
         return "what the known load weighs"
 
 

@@ -152,7 +152,7 @@ class LoadColumns(Addition):
         )
 
     @property
-    def witness(self) -> str | None:
+    def scale_reference(self) -> str | None:
         mass, tolerance = self.load.mass, self.load.mass_tolerance or 0.0
         is_known = mass is not None and tolerance <= WELL_KNOWN * mass
         return "what the known load weighs and how it resists" if is_known else None

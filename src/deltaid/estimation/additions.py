@@ -73,7 +73,7 @@ class Addition(ABC):
         return ()
 
     @property
-    def witness(self) -> str | None:
+    def scale_reference(self) -> str | None:
         """Words for a quantity known in kg or N m, which fixes the scale of torques."""
         return None
 

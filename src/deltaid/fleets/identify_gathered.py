@@ -20,7 +20,7 @@ from deltaid.grouping import grouped
 from deltaid.identification.assembly import assembled
 from deltaid.identification.friction_constants import freed
 from deltaid.identification.judgement import judged_parameters
-from deltaid.identification.loads import found_loads, known_load
+from deltaid.identification.loads import identified_loads, known_load
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.corrections import Correction
 from deltaid.model.model import ModelLike, load
@@ -62,10 +62,9 @@ def identify_merged(
     judged = judged_parameters(freed(problem))
     model = assembled(
         problem,
-        settings,
         _torque_errors(problem.information, problem.values, briefs),
         judged,
-        loads=found_loads(problem.additions, judged[len(problem.p) :], holding(briefs)),
+        loads=identified_loads(problem.additions, judged[len(problem.p) :], holding(briefs)),
         corrections=[*_corrections(description, chosen, briefs), *gains],
         sources=tuple(brief.source for brief in briefs),
         remarks=_remarks(briefs, gains),

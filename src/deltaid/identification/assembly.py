@@ -16,27 +16,22 @@ from deltaid.identification.measured_rows import SensorAddition
 from deltaid.identification.setup import ContestOutcome
 from deltaid.identification.torque_error import TorqueError
 from deltaid.identification.widening import doubted_sensors, widened_priors
-from deltaid.model.corrections import Correction, FittedChannel, FittedEffect, FittedSensor, Source
-from deltaid.model.parameter_record import FrictionChoice, HeldLoad, Parameter
-from deltaid.model.record import Consistency, Fit, IdentifiedModel, Settings
-from deltaid.recording.columns import Readings
+from deltaid.model.corrections import Correction, FittedChannel, FittedSensor, Source
+from deltaid.model.parameter_record import HeldLoad, Parameter
+from deltaid.model.record import Consistency, Fit, IdentifiedModel
 from deltaid.robot.inertia import pseudo_inertia
 from deltaid.sensors.weighings import weighings
 
 
 def assembled(
     problem: FittedProblem,
-    settings: Settings,
     error: TorqueError,
     judged: Sequence[Parameter],
     *,
     loads: tuple[HeldLoad, ...],
-    readings: Readings | None = None,
-    effects: tuple[FittedEffect, ...] = (),
     corrections: Sequence[Correction],
     sources: tuple[Source, ...],
     remarks: Sequence[str],
-    choice: FrictionChoice | None = None,
     outcome: ContestOutcome | None = None,
 ) -> IdentifiedModel:
     """The model of a fit.
@@ -45,42 +40,28 @@ def assembled(
         error: torque errors of the fit.
         judged: parameters of the robot, then of additions.
         loads: as fitted.
-        readings: corrections of what drives record.
-        effects: additional torques that act on the robot.
         corrections: made before the fit and by it, without widened priors.
         sources: the recordings.
         remarks: warnings about the recordings.
-        choice: of friction laws, if there was one.
         outcome: of the contest of causes.
     """
-    count, layout = len(problem.p), problem.layout
+    count, absolute = len(problem.p), _references(problem)
     outcome = outcome or ContestOutcome(problem.dynamics.robot)
-    # In words, what fixes the scale of torques and masses beside torque constants.
-    facts = () if problem.information.facts is None else weighings(problem.dynamics.robot)
-    known = [addition.witness for addition in problem.additions if addition.witness]
-    absolute = (*known, *(fact.name for fact in facts))
-    moments = {body: pseudo_inertia(problem.p[layout.body(body)]) for body in layout.bodies}
     return IdentifiedModel(
         deltaid=version("deltaid"),
         identified_on=datetime.now(UTC).date(),
         robot=problem.dynamics.robot,
         parameters=tuple(judged[:count]),
         base_parameters=judged_base(problem),
-        consistency=tuple(
-            Consistency(body=body, eigenvalues=tuple(np.linalg.eigvalsh(M).tolist()))
-            for body, M in moments.items()
-        ),
+        consistency=_consistency(problem),
         fit=_record(problem, error),
-        settings=settings.changed(intervals="linear"),  # only `checks` draws models
+        settings=problem.settings.changed(intervals="linear"),  # only `checks` draws models
         posterior=posterior_record(problem),
         loads=loads,
-        readings=readings,
-        effects=effects,
         sensors=_fitted_sensors(problem, judged[count:]),
         corrections=(*corrections, *widened_priors(problem)),
         absolute=absolute,
         inseparable=(*inseparable(problem, absolute=bool(absolute)), *outcome.inseparable),
-        friction_choice=choice,
         friction_curves=friction_curves(problem, error.fastest),
         sources=sources,
         warnings=(
@@ -89,6 +70,22 @@ def assembled(
             *doubted_sensors(problem),
             *doubts_of_fit(problem),
         ),
+    )
+
+
+def _references(problem: FittedProblem) -> tuple[str, ...]:
+    """In words, what fixes the scale of torques and masses in addition to torque constants."""
+    additions = [addition.scale_reference for addition in problem.additions]
+    facts = () if problem.information.facts is None else weighings(problem.dynamics.robot)
+    return (*filter(None, additions), *(fact.name for fact in facts))
+
+
+def _consistency(problem: FittedProblem) -> tuple[Consistency, ...]:
+    layout = problem.layout
+    moments = {body: pseudo_inertia(problem.p[layout.body(body)]) for body in layout.bodies}
+    return tuple(
+        Consistency(body=body, eigenvalues=tuple(np.linalg.eigvalsh(M).tolist()))
+        for body, M in moments.items()
     )
 
 

@@ -100,7 +100,7 @@ class Gains(OfTorques):
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         drives, corrections = self.dynamics.robot.drives, list[Correction]()
-        absolute = [other.witness for other in self.beside if other.witness]
+        absolute = [other.scale_reference for other in self.beside if other.scale_reference]
         silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.alike)
         assumed = f", {silent} is taken to be right" if silent else ""
         against = "the other limbs' drives, which agree" if self.reference else (
@@ -140,7 +140,7 @@ def gains(setup: Setup, progress: Progress) -> Setup:
     limbs, where the contest kept these."""
     setup = setup.without(Gains).all_repaired(gain=())
     dynamics, settings, others = setup.dynamics, setup.settings, setup.additions
-    absolute = any(addition.witness for addition in others)
+    absolute = any(addition.scale_reference for addition in others)
     is_uneven = setup.outcome is not None and "gain" in setup.outcome.kept
     count = len(setup.robot.identical_drives) if is_uneven and not absolute else 0
     alike = tuple(range(count))
@@ -202,7 +202,7 @@ def moves_of_scale(problem: FittedProblem) -> tuple[dict[str, float], ...]:
 def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:
     """Additions without gains that only sensors determine and no load: beside these, friction has
     no scale."""
-    by_load = any(addition.witness and len(addition.pattern[0]) for addition in additions)
+    by_load = any(addition.scale_reference and len(addition.pattern[0]) for addition in additions)
     return tuple(
         addition
         for addition in additions

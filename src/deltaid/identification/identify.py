@@ -21,7 +21,7 @@ from deltaid.identification.friction_constants import LawConstants, freed
 from deltaid.identification.gains import moves_of_scale
 from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.lags_and_gears import without_doubtful_lags
-from deltaid.identification.loads import found_loads, held, unloaded
+from deltaid.identification.loads import held, identified_loads, unloaded
 from deltaid.identification.setup import Setup
 from deltaid.identification.sources import source
 from deltaid.identification.stages import idle, run_stages
@@ -128,43 +128,44 @@ def identify(
     recordings = open_recordings(
         logs, kinematics, columns, settings.cutoff, progress, keep_all=settings.keep_all
     )
-    setup = Setup(robot, tuple(recording.excerpted() for recording in recordings), settings)
-    described_friction = robot.friction
-    setup, problem = _fitted(setup, progress)
-    robot, recordings, additions = setup.robot, setup.recordings, setup.additions
+    first = Setup(robot, tuple(recording.excerpted() for recording in recordings), settings)
+    setup, problem = _fitted(first, progress)
     moves = setup.outcome.moves if setup.outcome is not None else ()
-    moves = (*moves, *_moves_of_laws(setup, described_friction, problem), *moves_of_scale(problem))
-    problem = replace(problem, moves=moves)
-    problem = with_widened_prior(with_geometry(problem, recordings), recordings)
-    judged = judged_parameters(freed(problem))
+    moves = (*moves, *_moves_of_laws(setup, robot.friction, problem), *moves_of_scale(problem))
+    problem = with_geometry(replace(problem, moves=moves), setup.recordings)
+    return _identification(setup, with_widened_prior(problem, setup.recordings), progress)
+
+
+def _identification(setup: Setup, problem: FittedProblem, progress: Progress) -> Identification:
+    """The model of a fit, with its torque errors on the recordings."""
+    additions, judged = setup.additions, judged_parameters(freed(problem))
     added = judged[len(problem.p) :]
-    loads = found_loads(additions, added, held(recordings))
+    loads = identified_loads(additions, added, held(setup.recordings))
     effects = fitted_effects(additions, added)
     carried = {load.name: load.p for load in loads}
-    recordings = tuple(unloaded(r, carried).repaired(pulls=effects) for r in recordings)
+    recordings = tuple(unloaded(r, carried).repaired(pulls=effects) for r in setup.recordings)
     progress("comparing torques")
     compared = [recording.sparser(MOST_WINDOWS) for recording in recordings]
-    errors = [torque_error(compiled(robot), problem.p, recording) for recording in compared]
+    errors = [torque_error(setup.dynamics, problem.p, recording) for recording in compared]
     corrections = (
         correction
         for addition, parameters in of_each(additions, added)
         for correction in addition.to_corrections(parameters)
     )
+    rows = zip(recordings, problem.used, errors, strict=True)
     model = assembled(
         problem,
-        settings,
         _mean(errors, problem.used),
         judged,
         loads=loads,
+        corrections=(*setup.corrections, *corrections),
+        sources=tuple(source(*row, setup.robot.drives) for row in rows),
+        remarks=[f"{r.path}: {text}" for r in recordings for text in r.log.warnings],
+        outcome=setup.outcome,
+    ).changed(
         readings=recordings[0].repairs.readings,
         effects=tuple(effect.addition.record(effect.values) for effect in effects),
-        outcome=setup.outcome,
-        corrections=(*setup.corrections, *corrections),
-        sources=tuple(
-            source(*row, robot.drives) for row in zip(recordings, problem.used, errors, strict=True)
-        ),
-        remarks=[f"{r.path}: {text}" for r in recordings for text in r.log.warnings],
-        choice=setup.friction_choice,
+        friction_choice=setup.friction_choice,
     )
     return Identification(model, problem, recordings, _unchanged(setup), setup.detected)
 

@@ -97,7 +97,7 @@ def unloaded(recording: PreparedRecording, loads: dict[str, Ten]) -> PreparedRec
     return recording.repaired(loads=taken) if taken else recording
 
 
-def found_loads(
+def identified_loads(
     additions: Sequence[Addition], judged: Sequence[Parameter], holding: Held
 ) -> tuple[HeldLoad, ...]:
     """Loads of a fit by its additions and their judged parameters."""

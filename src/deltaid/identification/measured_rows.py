@@ -78,7 +78,7 @@ class SensorAddition(Addition):
         return np.zeros((0, len(w.time)))
 
     @property
-    def witness(self) -> str | None:
+    def scale_reference(self) -> str | None:
         is_sure = self.dynamics.robot.sensors[self.rows.name].gain_tolerance <= WELL_KNOWN
         return f"sensor {self.rows.name}" if is_sure else None
 
