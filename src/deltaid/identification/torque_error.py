@@ -44,49 +44,45 @@ class PredictedTorques:
     sample from the first on.
 
     Attributes:
-        weights: of the samples; no columns without torques.
-        carried: torques of held loads, in neither measured nor predicted torques.
+        weights: of the samples.
         gain: the filtered weights, by which a constant torque is multiplied.
         counted: number of samples that each filtered one counts for (`Window.counted`).
     """
 
     time: Float[np.ndarray, " samples"]
     speed: Float[np.ndarray, "samples dof"]
-    measured: Float[np.ndarray, "samples torques"]
+    measured: Float[np.ndarray, "samples dof"]
     predicted: Float[np.ndarray, "samples dof"]
-    weights: Float[np.ndarray, "samples torques"]
-    carried: Float[np.ndarray, "samples dof"]
-    filtered_measured: Float[np.ndarray, "apart torques"]
+    weights: Float[np.ndarray, "samples dof"]
+    filtered_measured: Float[np.ndarray, "apart dof"]
     filtered_predicted: Float[np.ndarray, "apart dof"]
-    gain: Float[np.ndarray, "apart torques"]
-    counted: Float[np.ndarray, "apart torques"]
+    gain: Float[np.ndarray, "apart dof"]
+    counted: Float[np.ndarray, "apart dof"]
 
 
 def predict(
     dynamics: Dynamics, p: Parameters, recording: PreparedRecording
 ) -> Iterator[PredictedTorques]:
-    """Predicted torques along a recording, window by window.
+    """Measured and predicted torques along a recording, window by window.
 
     A filter loses its length at either end of the recording.
     """
 
     def predicted(window: Window) -> PredictedTorques:
         own, wide = window.own, window.wide
-        tau, n = predicted_torques(dynamics, p, wide), wide.tau.shape[1]
-        drives = np.tile(np.arange(dynamics.dof), 2 if n else 1)
-        torques = np.hstack([wide.tau, tau]).T
-        smooth = window.smoothed(wide.weighted(torques, drives) if n else torques).T
+        tau = predicted_torques(dynamics, p, wide)
+        torques = wide.weighted(np.hstack([wide.tau, tau]).T, np.tile(np.arange(dynamics.dof), 2))
+        filtered_measured, filtered_predicted = np.split(window.smoothed(torques).T, 2, axis=1)
         counted = window.counted(window.low_pass.stride).T
-        unweighted = not n or bool(np.all(counted == 1.0))
+        unweighted = bool(np.all(counted == 1.0))
         return PredictedTorques(
             time=own.time,
             speed=own.qd,
             measured=own.tau,
             predicted=window.trimmed(tau),
             weights=own.weights,
-            carried=own.carried,
-            filtered_measured=smooth[:, :n],
-            filtered_predicted=smooth[:, n:],
+            filtered_measured=filtered_measured,
+            filtered_predicted=filtered_predicted,
             gain=np.ones_like(counted) if unweighted else window.smoothed(wide.weights.T).T,
             counted=counted,
         )
