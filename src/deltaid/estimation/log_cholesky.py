@@ -11,6 +11,7 @@ same set.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import ClassVar
 
 import casadi as ca
@@ -65,7 +66,7 @@ class LogCholesky:
 
 
 class Unconstrained:
-    """J(π)/γ with gradient and Hessian; keeps the last point, which all three share.
+    """J(π)/γ with gradient and Hessian; all three share the evaluation of the last point.
 
     Where an exponential overflows, J is infinite, so that every method shortens its step; a NaN
     compares as false and would be taken for a step down.
@@ -73,28 +74,24 @@ class Unconstrained:
 
     def __init__(self, objective: Objective, chart: "LogCholeskyMap") -> None:
         self._objective, self._chart = objective, chart
-        self._at: bytes = b""
-        self._last: tuple[float, Vector, Matrix] = (np.nan, np.zeros(0), np.zeros((0, 0)))
+        self._evaluated = lru_cache(maxsize=1)(self._evaluate)
 
     def value(self, pi: Vector) -> float:
-        return self._evaluate(pi)[0]
+        return self._evaluated(pi.tobytes())[0]
 
     def gradient(self, pi: Vector) -> Vector:
-        return self._evaluate(pi)[1]
+        return self._evaluated(pi.tobytes())[1]
 
     def hessian(self, pi: Vector) -> Matrix:
-        return self._evaluate(pi)[2]
+        return self._evaluated(pi.tobytes())[2]
 
-    def _evaluate(self, pi: Vector) -> tuple[float, Vector, Matrix]:
-        if pi.tobytes() != self._at:
-            scale = self._objective.gamma  # brings the regulariser to the order of one
-            with np.errstate(over="ignore", invalid="ignore"):
-                value, g, H = self._objective.evaluate(self._chart.x(pi))
-                _, J, second = self._chart.derivatives(pi, g)
-                value = value if np.isfinite(value) else np.inf
-                self._last = (value / scale, J.T @ g / scale, (J.T @ H @ J + second) / scale)
-            self._at = pi.tobytes()
-        return self._last
+    def _evaluate(self, point: bytes) -> tuple[float, Vector, Matrix]:
+        pi, scale = np.frombuffer(point), self._objective.gamma  # brings the regulariser to about 1
+        with np.errstate(over="ignore", invalid="ignore"):
+            value, g, H = self._objective.evaluate(self._chart.x(pi))
+            _, J, second = self._chart.derivatives(pi, g)
+            value = value if np.isfinite(value) else np.inf
+            return value / scale, J.T @ g / scale, (J.T @ H @ J + second) / scale
 
 
 class LogCholeskyMap:
