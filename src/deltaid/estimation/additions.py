@@ -25,7 +25,7 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PriorParameter
 
-Values = Float[np.ndarray, "entries samples"]
+Values = Float[np.ndarray, "entries samples"]  # of a pattern, or channels
 Own = Float[np.ndarray, "own samples"]
 _Added = TypeVar("_Added", bound="Addition")
 _Value = TypeVar("_Value")

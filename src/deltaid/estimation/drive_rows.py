@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.additions import Addition, extended
-from deltaid.estimation.information import NOISE_FLOOR, active_columns
+from deltaid.estimation.information import NOISE_FLOOR, OfDrives, active_columns
 from deltaid.estimation.objective import regularizer
 from deltaid.estimation.problem import Columns, LinearProblem, Rows, Span, lengths
 from deltaid.estimation.reduction import Reduction, build_reduction
@@ -25,7 +25,6 @@ MISFIT_FLOOR = 1e-5
 # Torque that errors of differentiated positions may make, as a share of a drive's largest torque.
 POSITION_ERROR = 3e-4
 
-OfDrives = Float[np.ndarray, "dof samples"]
 ColumnsOfDrives = Float[np.ndarray, "dof samples _"]
 
 

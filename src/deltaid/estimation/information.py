@@ -40,7 +40,7 @@ class ExplainingColumns(Protocol):
 # Columns of [Y, τ] and their samples in rows.
 Chunk = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ samples"]]
 PerRow = Float[np.ndarray, " rows"]
-Rows = Float[np.ndarray, "dof samples"]
+OfDrives = Float[np.ndarray, "dof samples"]
 Motion = Float[np.ndarray, "samples dof"]
 
 
@@ -116,8 +116,8 @@ class Information:
 def condensed(
     columns: Int[np.ndarray, " columns"],
     chunks: Iterable[Chunk],
-    tau: Rows,
-    counted: Rows,
+    tau: OfDrives,
+    counted: OfDrives,
     channels: int = 0,
 ) -> Information:
     """The information of some samples' chunks, factored piece by piece.
@@ -180,7 +180,7 @@ def active_columns(regressor: ExplainingColumns) -> Int[np.ndarray, " columns"]:
 
 
 def chunks_of_drives(
-    regressor: ExplainingColumns, values: Float[np.ndarray, "entries samples"], y: Rows
+    regressor: ExplainingColumns, values: Float[np.ndarray, "entries samples"], y: OfDrives
 ) -> list[Chunk]:
     """Rows of [Y, τ] of each drive and channel, without the columns that are zero by structure."""
     columns, (rows, entries) = active_columns(regressor), regressor.regressor_pattern

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import RecordingError
-from deltaid.estimation.additions import Addition, entries, extended
+from deltaid.estimation.additions import Addition, Values, entries, extended
 from deltaid.estimation.information import active_columns
 from deltaid.recording.delay import LagGrowth, Shift
 from deltaid.recording.filter import LowPass
@@ -26,7 +26,6 @@ _FORGOTTEN = 10.0
 # Longest time step within a stretch, over the usual one.
 GAP = 1.5
 
-Values = Float[np.ndarray, "channels samples"]
 Delay = Float[np.ndarray, " dof"]
 
 

@@ -22,7 +22,7 @@ from scipy.optimize import minimize
 
 from deltaid.dynamics.parameters import inertia_size, stated_spreads
 from deltaid.estimation.information import NOISE_FLOOR
-from deltaid.estimation.objective import prior_scale
+from deltaid.estimation.objective import Matrix, prior_scale
 from deltaid.estimation.scatter import NORMAL, correlations, inverse, scaled_cholesky
 from deltaid.identification.doubts import ambiguous
 from deltaid.identification.fit import FittedProblem
@@ -39,8 +39,6 @@ _SHRUNK = 0.5
 _ASYMMETRY = 0.3
 # κ: share of a variance by which it may be missed per unit of λ.
 _MISSED = 1e-3
-
-Matrix = Float[np.ndarray, "n n"]
 
 
 def judged_parameters(problem: FittedProblem, first: int = 0) -> tuple[Parameter, ...]:

@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.conic import definite, interior_point, svec
 from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
-from deltaid.estimation.objective import prior_root, prior_scale
+from deltaid.estimation.objective import Vector, prior_root, prior_scale
 from deltaid.estimation.reduction import Block
 from deltaid.estimation.scatter import Combinations, Each, Noise, half_width, inverse, quantile
 from deltaid.identification.fit import FittedProblem
@@ -30,7 +30,6 @@ _ACCURACY = 1e-3
 _VANISHED = 1e-2
 _SOLVED = ("Solved", "AlmostSolved")
 
-Vector = Float[np.ndarray, " n"]
 Coefficients = Float[np.ndarray, " parameters"]
 
 
