@@ -51,11 +51,13 @@ class Push(Addition):
         return "a push"
 
 
-def gains(alike: tuple[int, ...] = ()) -> tuple[Dynamics, Gains]:
+def gains(ratio_drives: tuple[int, ...] = ()) -> tuple[Dynamics, Gains]:
     """With a push of 3 N m, beside what the prior says of a robot."""
     dynamics = compiled(load_robot("clavel-delta3"))
     values = np.append(prior_parameters(dynamics.robot), 3.0)
-    return dynamics, Gains(dynamics, (Push(dynamics),), values, GAIN, prior_spread=0.5, alike=alike)
+    return dynamics, Gains(
+        dynamics, (Push(dynamics),), values, GAIN, prior_spread=0.5, ratio_drives=ratio_drives
+    )
 
 
 def test_before_any_recording_torque_constants_are_right_to_a_tenth() -> None:
@@ -69,7 +71,7 @@ def test_before_any_recording_torque_constants_are_right_to_a_tenth() -> None:
 
 def test_before_any_recording_drives_of_limbs_that_are_alike_are_alike() -> None:
     """Ratios are right to a tenth; what is common to all is left as it is."""
-    _, found = gains(alike=(0, 1, 2))
+    _, found = gains(ratio_drives=(0, 1, 2))
     free = found.free
     left = free.A @ [variable.prior for variable in free.variables]
     total = GAIN * np.exp(left)
@@ -80,7 +82,7 @@ def test_before_any_recording_drives_of_limbs_that_are_alike_are_alike() -> None
 
 
 def test_drives_that_agree_may_be_the_reference() -> None:
-    _, found = gains(alike=(0, 1, 2))
+    _, found = gains(ratio_drives=(0, 1, 2))
     free = replace(found, reference=(0, 2)).free
     assert free.A.shape == (3, 2)
     np.testing.assert_allclose(free.A[[0, 2]].sum(axis=0), 0.0, atol=1e-12)
@@ -89,11 +91,11 @@ def test_drives_that_agree_may_be_the_reference() -> None:
 
 def test_what_drives_have_in_common_is_known_as_their_ratios_scatter() -> None:
     """The mean of three drives, by t of two degrees of freedom."""
-    _, found = gains(alike=(0, 1, 2))
+    _, found = gains(ratio_drives=(0, 1, 2))
     off = np.log(GAIN) - np.mean(np.log(GAIN))
     standard_error = np.sqrt(np.sum(off**2) / 2 / 3)
     assert found.common_spread == pytest.approx(4.302653 / 1.959964 * standard_error)
-    _, two = gains(alike=(0, 1))
+    _, two = gains(ratio_drives=(0, 1))
     error = np.abs(np.log(GAIN[0] / GAIN[1])) / 2
     assert two.common_spread == pytest.approx(12.706205 / 1.959964 * error)
 
@@ -126,17 +128,17 @@ def judged(std: float) -> list[Parameter]:
 
 
 @pytest.mark.parametrize(
-    ("alike", "std", "words"),
+    ("ratio_drives", "std", "words"),
     [((), 0.01, "determined by a push"), ((), 0.06, "hardly shows"),
      ((0, 1), 0.01, "drive3 is taken to be right")],
 )  # fmt: skip
 def test_what_is_told_is_the_whole_gain_with_its_interval(
-    alike: tuple[int, ...], std: float, words: str
+    ratio_drives: tuple[int, ...], std: float, words: str
 ) -> None:
     """c times what is left of it; told by a load where its prior is not most of what is known."""
-    told = gains(alike)[1].to_corrections(judged(std))
+    told = gains(ratio_drives)[1].to_corrections(judged(std))
     assert [correction.subject for correction in told] == ["drive1", "drive2", "drive3"][
-        : len(alike) or 3
+        : len(ratio_drives) or 3
     ]
     for c, correction in zip(GAIN, told, strict=False):
         expected = c * np.exp([0.02 - 2 * std, 0.02, 0.02 + 2 * std])

@@ -16,7 +16,7 @@ from deltaid.effects.lag_groups import chosen_groups
 from deltaid.effects.lags import Lags, estimate_lags
 from deltaid.errors import DeltaidError
 from deltaid.estimation.traces import trace
-from deltaid.identification.column_stages import late_rate, late_rates_left_out
+from deltaid.identification.column_stages import late_rate, late_rates_excluded
 from deltaid.identification.identify import identify
 from deltaid.identification.prediction import validate
 from deltaid.identification.setup import Setup
@@ -248,7 +248,7 @@ def test_velocities_that_lag_are_left_out(late: float) -> None:
     dynamics, _ = robot()
     (one,) = open_recordings(recorded(0.0, velocity=late), dynamics.kinematics)
     found = late_rate(one, dynamics.kinematics)
-    setup = late_rates_left_out(Setup(dynamics.robot, (one,), Settings()), lambda _: None)
+    setup = late_rates_excluded(Setup(dynamics.robot, (one,), Settings()), lambda _: None)
     left = setup.recordings[0]
     if late == 0.0:
         assert found is None

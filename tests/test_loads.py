@@ -14,7 +14,7 @@ from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError, UnknownNameError
 from deltaid.identification.gains import Gains, gains
 from deltaid.identification.identify import Identification, identify
-from deltaid.identification.loads import declared_loads, held, joined
+from deltaid.identification.loads import declared_loads, held_loads, joined_loads
 from deltaid.identification.prediction import validate
 from deltaid.identification.setup import Setup
 from deltaid.model.model import load
@@ -268,7 +268,7 @@ def test_contradictions_about_a_load_are_refused() -> None:
 
     def opened(first: Load, second: Load) -> tuple[Load, ...]:
         columns = [ColumnMapping(load=load) for load in (first, second)]
-        return joined(held(open_recordings(tables, dynamics.kinematics, columns)))
+        return joined_loads(held_loads(open_recordings(tables, dynamics.kinematics, columns)))
 
     one, other = Load(column="gripper", mass=1.0), Load(always=True, mass=2.0)
     with pytest.raises(RecordingError, match="load load has another mass"):

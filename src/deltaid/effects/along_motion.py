@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.estimation.additions import Addition, Own, Values, of_each, torques_of
+from deltaid.estimation.additions import Addition, Own, Values, split_by_addition, torques_of
 from deltaid.model.corrections import Correction, FittedEffect, Kind
 from deltaid.model.parameter_record import Parameter
 from deltaid.recording.masks.masks import RESTS
@@ -286,7 +286,7 @@ def fitted_effects(
     """Effects among the additions of a fit, with the values of its judged parameters."""
     return tuple(
         FittedTorques(addition, tuple(entry.value for entry in parameters))
-        for addition, parameters in of_each(tuple(additions), judged)
+        for addition, parameters in split_by_addition(tuple(additions), judged)
         if isinstance(addition, AlongMotion)
     )
 

@@ -19,7 +19,7 @@ from jaxtyping import Bool
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.lag_groups import LAG, SMALL, LagGroup, Timing, common_lag
-from deltaid.estimation.additions import Addition, OfTorques, Own, Values
+from deltaid.estimation.additions import Addition, Own, TorqueColumns, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, of_own_drives
 from deltaid.estimation.scatter import NORMAL
 from deltaid.estimation.traces import Trace
@@ -55,7 +55,7 @@ class TimingColumn(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class TimingColumns(OfTorques):
+class TimingColumns(TorqueColumns):
     """How the torques of one recording are sampled, as columns of derivatives of the model's."""
 
     recording: PreparedRecording

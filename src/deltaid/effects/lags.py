@@ -170,7 +170,7 @@ def _swept(
             lags[:, :, every[k]] = late(trace, p, rows.additions)
             of_robot = p[: len(trace.load)]
             beside = [lags, free_friction(trace, of_robot)] if any_friction else [lags]
-            parts[k] = part.beside(*beside)
+            parts[k] = part.with_columns(*beside)
         problem = rows.problem(parts, (centre - delays).ravel(), deviation.ravel())
         own = slice(rows.size, rows.size + delays.size)
         p, step = rows.parameters(problem.x), problem.x[own].reshape(delays.shape)

@@ -136,7 +136,7 @@ def _linear(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> 
     rms = np.sqrt(np.mean(warm**2, axis=(0, 1)))
     sizes = np.sqrt(np.mean(part.tau**2)) / np.where(rms > 0, rms, 1.0)  # zero for a resting drive
     return rows.problem(
-        [part.beside(steps, warm)],
+        [part.with_columns(steps, warm)],
         np.concatenate([-timing.values[free.columns], np.zeros(len(sizes))]),
         np.concatenate([free.deviation, sizes]),
     )
@@ -207,6 +207,6 @@ def _is_clock(rows: TraceRows, trace: Trace, timing: Timing) -> bool:
     late, _, growing = timing_slopes(corrected, timing.p, rows.additions, timing.about)
     lags, growths = (of_own_drives(x[:, :, None]) for x in (late, growing))
     beside = lags, _warm(rows, corrected, timing), growths
-    problem = rows.problem([rows.of_trace(corrected).beside(*beside)])
+    problem = rows.problem([rows.of_trace(corrected).with_columns(*beside)])
     last = slice(problem.A.shape[1] - dof, None)
     return not exceeded(problem.x[last], problem.covariance(last), CHANCE)

@@ -18,7 +18,7 @@ from numpy.polynomial.chebyshev import chebvander
 
 from deltaid.effects.along_motion import InTask
 from deltaid.effects.point import SIZE, Added, Deviations, TracePoint
-from deltaid.estimation.additions import OfTorques, Own, Values
+from deltaid.estimation.additions import Own, TorqueColumns, Values
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives
 from deltaid.model.verdict import listed, percent
 from deltaid.recording.recording import PreparedRecording
@@ -55,7 +55,7 @@ KINDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class FreeTorque(OfTorques):
+class FreeTorque(TorqueColumns):
     """Columns of one kind, one drive after the other.
 
     Attributes:

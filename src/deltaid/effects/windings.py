@@ -147,7 +147,7 @@ def rows_of(
     rows: TraceRows, trace: Trace, p: Parameters, *columns: Float[np.ndarray, "dof samples _"]
 ) -> RecordingRows:
     """Rows of a trace with extra columns, followed by those of `free_friction`."""
-    return rows.of_trace(trace).beside(*columns, free_friction(trace, p))
+    return rows.of_trace(trace).with_columns(*columns, free_friction(trace, p))
 
 
 def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Parameters]:

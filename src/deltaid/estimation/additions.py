@@ -83,35 +83,35 @@ class Addition(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class OfTorques(Addition):
+class TorqueColumns(Addition):
     """Columns that depend on the torques of a robot and of other additions."""
 
-    beside: tuple[Addition, ...]  # the other additions
+    others: tuple[Addition, ...]  # the other additions
     p: Parameters  # of the robot, then of these
 
-    def on(self, dynamics: Dynamics) -> "OfTorques":
+    def on(self, dynamics: Dynamics) -> "TorqueColumns":
         """The same for a robot with other friction laws; coefficients of new terms are zero."""
         if dynamics is self.dynamics:
             return self
         known = dict(zip(self._names, self.p.tolist(), strict=True))
-        beside = tuple(addition.on(dynamics) for addition in self.beside)
-        now = replace(self, dynamics=dynamics, beside=beside)
+        others = tuple(addition.on(dynamics) for addition in self.others)
+        now = replace(self, dynamics=dynamics, others=others)
         return replace(now, p=np.array([known.get(name, 0.0) for name in now._names]))
 
     @property
     def _names(self) -> list[str]:
-        added = [entry.name for addition in self.beside for entry in addition.parameters]
+        added = [entry.name for addition in self.others for entry in addition.parameters]
         return [*self.dynamics.layout.names, *added]
 
     def torques(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         """τ of each drive, with the torques of loads."""
-        values = np.vstack([own, *(term.entries(w, own, recording) for term in self.beside)])
+        values = np.vstack([own, *(term.entries(w, own, recording) for term in self.others)])
         return w.carried.T + torques_of(self._columns, self.dynamics.dof, values, self.p)
 
     @cached_property
     def _columns(self) -> tuple[np.ndarray, np.ndarray]:
         """Drive and parameter of every entry of torques."""
-        return extended(self.dynamics, self.beside).regressor_pattern
+        return extended(self.dynamics, self.others).regressor_pattern
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ class Extended:
     """The columns of a robot's regressor, then those of additions."""
 
     regressor: Regressor
-    own: int  # number of the robot's columns
+    robot_columns: int  # number of the robot's columns
     additions: tuple[Addition, ...]
 
     @property
@@ -137,7 +137,7 @@ class Extended:
 
     @cached_property
     def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        patterns, first = [self.regressor.regressor_pattern], self.own
+        patterns, first = [self.regressor.regressor_pattern], self.robot_columns
         for addition in self.additions:
             drives, within = addition.pattern
             patterns.append((drives, first + within))
@@ -147,7 +147,7 @@ class Extended:
 
     def carried(self, z: Motion, qd: Motion, qdd: Motion, p: Parameters) -> Motion:
         """Torques that gears carry, by parameters of the robot or of all columns."""
-        return self.regressor.carried(z, qd, qdd, p[: self.own])
+        return self.regressor.carried(z, qd, qdd, p[: self.robot_columns])
 
 
 def extended(dynamics: Dynamics, additions: Sequence[Addition] = ()) -> Extended:
@@ -156,7 +156,7 @@ def extended(dynamics: Dynamics, additions: Sequence[Addition] = ()) -> Extended
     return Extended(dynamics, len(dynamics.layout.names), behind)
 
 
-def of_each(
+def split_by_addition(
     additions: Sequence[_Added], values: Iterable[_Value]
 ) -> Iterator[tuple[_Added, tuple[_Value, ...]]]:
     """Each addition with its part of values in the order of all additions' parameters."""

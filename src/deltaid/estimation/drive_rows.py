@@ -103,7 +103,7 @@ class RecordingRows:
     tau: OfDrives
     instruments: tuple[ColumnsOfDrives, ...] = ()
 
-    def beside(self, *columns: ColumnsOfDrives) -> "RecordingRows":
+    def with_columns(self, *columns: ColumnsOfDrives) -> "RecordingRows":
         return replace(self, A=np.concatenate([self.A, *columns], axis=2))
 
     @property
@@ -150,8 +150,8 @@ class TraceRows:
     def problem(
         self,
         recordings: Sequence[RecordingRows],
-        mean: Float[np.ndarray, " beside"] | None = None,
-        deviation: Float[np.ndarray, " beside"] | None = None,
+        mean: Float[np.ndarray, " additional"] | None = None,
+        deviation: Float[np.ndarray, " additional"] | None = None,
     ) -> LinearProblem:
         """Least squares over recordings with the same columns, with the prior of the parameters and
         that of the first additional columns, mean ± deviation, if given."""

@@ -206,7 +206,7 @@ def group_sums(
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What orthonormal columns explain of rows beside others.
+    """What orthonormal columns explain of rows in addition to others.
 
     Attributes:
         gain: explained sum of squares.
@@ -228,7 +228,7 @@ class Explanation:
     def by_columns(
         cls, U: Columns, residual: Rows, groups: Int[np.ndarray, " rows"], rank: int
     ) -> "Explanation":
-        """By columns U beside others of this rank, whose part U and the residual lack."""
+        """By columns U in addition to others of this rank, whose part U and the residual lack."""
         scores = U.T @ residual
         left, freedom = residual - U @ scores, max(len(residual) - rank - U.shape[1], 1)
         s = group_sums(U * left[:, None], groups)

@@ -21,7 +21,7 @@ from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import FactorFile, digest
 from deltaid.fleets.factor_record import FactorGroups, RecordingBrief
 from deltaid.identification.friction_constants import LawConstants
-from deltaid.identification.loads import Held, joined
+from deltaid.identification.loads import HeldLoads, joined_loads
 from deltaid.levels import NEGLIGIBLE, ROUNDING
 from deltaid.model.record import Settings
 from deltaid.robot.description import RobotDescription
@@ -247,14 +247,14 @@ def merging_of(
     taken = {held.load.name: held.taken for brief in reversed(briefs) for held in brief.loads}
     loads = tuple(
         LoadColumns(dynamics, load, settings.prior_spread, np.array(taken[load.name]))
-        for load in joined(holding(briefs))
+        for load in joined_loads(holding(briefs))
     )
     constants = LawConstants(dynamics)
     columns = GatheredColumns.for_robot(robot, prior_parameters(plain(robot)), loads)
     return Merging(columns, dynamics, (*loads, constants) if constants.parameters else loads)
 
 
-def holding(briefs: Sequence[RecordingBrief]) -> Held:
+def holding(briefs: Sequence[RecordingBrief]) -> HeldLoads:
     return [(brief.log, [held.load for held in brief.loads]) for brief in briefs]
 
 

@@ -6,7 +6,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from deltaid.estimation.additions import of_each
+from deltaid.estimation.additions import split_by_addition
 from deltaid.identification.doubts import doubts, inseparable
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.friction_constants import friction_curves
@@ -119,12 +119,12 @@ def _fitted_sensors(
     information, sensors = problem.information, list[FittedSensor]()
     rows = np.stack([information.rms(problem.values), information.torque_max], axis=1)
     sizes = iter(rows[information.drives.stop :].tolist())
-    for sensor, fitted in of_each(problem.additions, judged):
+    for sensor, fitted in split_by_addition(problem.additions, judged):
         if not isinstance(sensor, SensorAddition):
             continue
         channels = tuple(
-            FittedChannel(name=c.name, unit=c.unit, stated=c.noise, left=left, largest=largest)
-            for c, (left, largest) in zip(sensor.rows.channels, sizes, strict=False)
+            FittedChannel(name=c.name, unit=c.unit, stated=c.noise, left=residual, largest=largest)
+            for c, (residual, largest) in zip(sensor.rows.channels, sizes, strict=False)
         )
         sensors.append(FittedSensor(name=sensor.rows.name, channels=channels, parameters=fitted))
     return tuple(sensors)

@@ -74,7 +74,7 @@ def holds_filled(setup: Setup, progress: Progress) -> Setup:
     return setup.reported(list(dict.fromkeys(corrections)), "hold")
 
 
-def late_rates_left_out(setup: Setup, progress: Progress) -> Setup:
+def late_rates_excluded(setup: Setup, progress: Progress) -> Setup:
     """Exclude recorded velocities and accelerations that lag behind positions."""
     if setup.settings.lag == "none":
         return setup

@@ -145,14 +145,14 @@ def _of_measured(problem: FittedProblem) -> Iterator[str]:
         return
     noise, over = estimate.noise, inverse(estimate.noise.root)
     columns = np.searchsorted(information.columns, problem.base.representatives)
-    beside = ", with what else was measured," if len(information.facts) > 1 else ""
+    others_too = ", with what else was measured," if len(information.facts) > 1 else ""
     for fact, row in zip(weighings(problem.dynamics.robot), information.facts, strict=True):
         u = over.T @ row[columns]
         residual, free = float(row[-1] - row[columns] @ estimate.values), float(1.0 - u @ u)
         std, _ = noise.deviations(u[:, None])
         others = max(float(std[0]) ** 2 - (noise.sigma * (1.0 - free)) ** 2, 0.0)
         others += float(np.sum((row[columns] @ problem.geometry.shifts) ** 2))
-        who, apart, value = f"the recording{beside}", 0.0, 0.0
+        who, apart, value = f"the recording{others_too}", 0.0, 0.0
         if free > _REDUNDANT:
             apart = abs(residual / free / np.hypot(noise.sigma, np.sqrt(others) / free))
             value = fact.value * (1.0 - residual / free / row[-1]) if row[-1] else 0.0

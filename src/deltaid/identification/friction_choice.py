@@ -1,6 +1,6 @@
 """Choice of each joint's friction law by the residual of the described one.
 
-1. The residual is that of the recordings' rows beside the robot's parameters and a lag of each
+1. The residual is that of the recordings' rows with the robot's parameters and a lag of each
    drive (`friction_rows`). If no additional term of any joint explains more than chance, laws stay
    as described.
 2. The most surprising term is added, then that of the remaining residual, and so on. Described
@@ -149,7 +149,7 @@ class _TermSearch:
 
     @classmethod
     def begun(cls, rows: FrictionRows, variants: Sequence[Variant]) -> "_TermSearch":
-        """The search beside parameters, additions and lags alone."""
+        """The search with parameters, additions and lags alone."""
         columns = rows.columns([(form.joint, shape) for form in variants for shape in form.shapes])
         ends = np.cumsum([len(variant.shapes) for variant in variants])[:-1]
         bare = np.split(rows.span.without(columns / lengths(columns)), ends, axis=1)
@@ -210,11 +210,11 @@ def choose_friction(
 
 def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_Step], list[_Step]]:
     """Add the most surprising term until none is significant; and the first round's trials."""
-    left = [option for option in options(rows) if option[0].term not in barred]
-    search = _TermSearch.begun(rows, [variant for option in left for variant in option])
+    candidates = [option for option in options(rows) if option[0].term not in barred]
+    search = _TermSearch.begun(rows, [variant for option in candidates for variant in option])
     steps, first = list[_Step](), list[_Step]()
     for _ in range(ROUNDS):
-        trials = [step for option in left if (step := search.step(option, steps))]
+        trials = [step for option in candidates if (step := search.step(option, steps))]
         first = first or trials
         useful = [step for step in trials if step.is_useful]
         if not useful:
@@ -226,7 +226,7 @@ def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_
         added = {best.variant.term}
         if best.variant.kind == "both_ways":  # laws for both directions include an offset
             added.add((best.joint, "offset"))
-        left = [option for option in left if option[0].term not in added]
+        candidates = [option for option in candidates if option[0].term not in added]
         search = search.without(best.judged.directions)
     return steps, first
 
@@ -270,8 +270,8 @@ def _laws(
 
 
 def _with_constants(rows: FrictionRows, kept: Sequence[_Step], refit: Refined) -> Refined:
-    """Add offsets to the limbs' other drives beside chosen constants, unless they explain no more
-    than chance (95 %).
+    """Add offsets to the limbs' other drives where a constant is chosen, unless they explain no
+    more than chance (95 %).
 
     A constant common to all drives is like a weight of the limbs, which would otherwise absorb the
     constant of a drive without an offset.
@@ -311,7 +311,7 @@ def _imitated(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _St
 
 
 def _spare(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step | None:
-    """The step that refined laws need least, judged beside all others; None if all are needed."""
+    """The step that refined laws need least, judged with all others; None if all are needed."""
     robot, forms = rows.dynamics.robot, dict[_Step, Variant]()
     for step in steps:
         shapes = shapes_of(robot, step.joint, refit.laws[step.joint], step.variant.kind)
@@ -319,8 +319,8 @@ def _spare(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step 
     search, surprises = _TermSearch.begun(rows, list(forms.values())), dict[_Step, float]()
     for step, form in forms.items():
         others = np.hstack([A * (variant is not form) for variant, A in search.bare.items()])
-        beside = search.without(others @ independent(others))
-        now = beside.step([form], (other for other in steps if other is not step))
+        rest = search.without(others @ independent(others))
+        now = rest.step([form], (other for other in steps if other is not step))
         if now is None or not now.is_useful:
             surprises[step] = now.judged.surprise if now is not None else 0.0
     return min(surprises, key=lambda step: surprises[step], default=None)

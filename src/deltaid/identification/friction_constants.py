@@ -167,8 +167,8 @@ def _fit(
 def _unlike(constants: Sequence[_Constant], drives: Collection[str]) -> Float[np.ndarray, "n n"]:
     """Rows for the difference of each constant from the mean of those of alike drives."""
     places = [(kind, name, joint if joint not in drives else "") for joint, kind, name in constants]
-    alike = np.array([[other == place for other in places] for place in places])
-    return np.eye(len(places)) - alike / alike.sum(axis=1, keepdims=True)
+    same = np.array([[other == place for other in places] for place in places])
+    return np.eye(len(places)) - same / same.sum(axis=1, keepdims=True)
 
 
 def _bounded(

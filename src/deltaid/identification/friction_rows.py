@@ -1,8 +1,8 @@
 """Rows of recordings in which additional friction terms are searched.
 
 Rows near reversals are excluded, as in the fit. A missing friction term looks like a lag, so each
-drive of each recording has a free lag beside the robot's columns: −τ̇ of the model. Candidate
-columns are projected off all of these.
+drive of each recording has a free lag in addition to the robot's columns: −τ̇ of the model.
+Candidate columns are projected off all of these.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -149,7 +149,7 @@ class FrictionRows:
 def friction_rows(
     dynamics: Dynamics, recordings: Sequence[PreparedRecording], additions: Sequence[Addition] = ()
 ) -> FrictionRows:
-    """The rows of some recordings beside additions, of which none is a lag.
+    """The rows of some recordings with additions, of which none is a lag.
 
     Raises:
         RecordingError: a log is too short or too slow to be differentiated.

@@ -22,7 +22,7 @@ from scipy.linalg import null_space
 from scipy.stats import gmean
 
 from deltaid.dynamics.geometry import CONSTANT_OF, CONSTANTS
-from deltaid.estimation.additions import Addition, OfTorques, Own, Values
+from deltaid.estimation.additions import Addition, Own, TorqueColumns, Values
 from deltaid.estimation.problem import Span
 from deltaid.estimation.reduction import Free
 from deltaid.estimation.scatter import quantile
@@ -45,14 +45,14 @@ _MOVED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Gains(OfTorques):
+class Gains(TorqueColumns):
     """Remaining logarithms of gains, ε, with the columns −Y_i p₀."""
 
     gain: Float[np.ndarray, " dof"]  # c, by which torques of the recordings have been multiplied
     prior_spread: float  # of the fit; scales of parameters are relative to it
     # drives of which only ratios of gains are identifiable; empty if all gains are
-    alike: tuple[int, ...] = ()
-    # drives whose mean gain is taken to be right; empty for all `alike`
+    ratio_drives: tuple[int, ...] = ()
+    # drives whose mean gain is taken to be right; empty for all `ratio_drives`
     reference: tuple[int, ...] = ()
 
     @property
@@ -73,12 +73,12 @@ class Gains(OfTorques):
 
     @property
     def free(self) -> Free:
-        if not self.alike:
+        if not self.ratio_drives:
             return super().free
-        mean = np.isin(self.alike, self.reference or self.alike)
+        mean = np.isin(self.ratio_drives, self.reference or self.ratio_drives)
         ratios = null_space(mean[None].astype(float))
         A = np.zeros((self.dynamics.dof, ratios.shape[1]))
-        A[list(self.alike)] = ratios
+        A[list(self.ratio_drives)] = ratios
         names = [f"ratio{k + 1}" for k in range(ratios.shape[1])]
         return Free(self._coefficients(names, -A.T @ np.log(self.gain)), A, np.zeros(len(A)), ())
 
@@ -86,33 +86,33 @@ class Gains(OfTorques):
     def common_spread(self) -> float:
         """Standard deviation of the common gain of n drives, s/√n by the scatter s of their
         logarithms, widened to Student's interval with n − 1 degrees of freedom."""
-        logarithms = np.log(self.gain[list(self.alike)])
+        logarithms = np.log(self.gain[list(self.ratio_drives)])
         count = len(logarithms)
         wider = quantile(np.array([count - 1.0])) / quantile(np.array([np.inf]))
         return float(wider[0] * logarithms.std(ddof=1) / np.sqrt(count))
 
     @property
     def determines(self) -> tuple[str, ...]:
-        return (CONSTANT_OF,) if self.alike else (CONSTANT_OF, CONSTANTS)
+        return (CONSTANT_OF,) if self.ratio_drives else (CONSTANT_OF, CONSTANTS)
 
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         return -self.torques(w, own, recording)
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         drives, corrections = self.dynamics.robot.drives, list[Correction]()
-        absolute = [other.scale_reference for other in self.beside if other.scale_reference]
-        silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.alike)
+        absolute = [other.scale_reference for other in self.others if other.scale_reference]
+        silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.ratio_drives)
         assumed = f", {silent} is taken to be right" if silent else ""
         against = "the other limbs' drives, which agree" if self.reference else (
             "the mean of the limbs' drives"
         )  # fmt: skip
         for i, (drive, c, gain) in enumerate(zip(drives, self.gain.tolist(), judged, strict=True)):
-            if self.alike and i not in self.alike:
+            if self.ratio_drives and i not in self.ratio_drives:
                 continue
             ends = (gain.value, gain.low, gain.high)
             value, low, high = (float(c * np.exp(np.nan if end is None else end)) for end in ends)
             torque = f"the joint gets {value:.4g} times the torque that {drive} records"
-            if self.alike:
+            if self.ratio_drives:
                 text = (
                     f"limbs are the same, so {torque}, against {against}; what is common to all "
                     "shows nowhere and is taken to be right, within "
@@ -143,8 +143,8 @@ def gains(setup: Setup, progress: Progress) -> Setup:
     absolute = any(addition.scale_reference for addition in others)
     is_uneven = setup.outcome is not None and "gain" in setup.outcome.kept
     count = len(setup.robot.identical_drives) if is_uneven and not absolute else 0
-    alike = tuple(range(count))
-    if not (absolute or alike):
+    ratio_drives = tuple(range(count))
+    if not (absolute or ratio_drives):
         return setup
     progress("comparing drives with what is known in N m" if absolute else "comparing drives")
     c = np.ones(dynamics.dof)
@@ -153,7 +153,7 @@ def gains(setup: Setup, progress: Progress) -> Setup:
 
     def corrected(reference: tuple[int, ...] = ()) -> Setup:
         p = problem.values[:count]
-        columns = Gains(dynamics, others, p, c, settings.prior_spread, alike, reference)
+        columns = Gains(dynamics, others, p, c, settings.prior_spread, ratio_drives, reference)
         return setup.all_repaired(gain=tuple(c.tolist())).changed(additions=(*others, columns))
 
     for _ in range(ROUNDS):
@@ -163,23 +163,23 @@ def gains(setup: Setup, progress: Progress) -> Setup:
         if np.abs(step).max() < SETTLED:
             break
         c = c * np.exp(step)
-    reference = _agreeing(problem, np.log(c), alike)
+    reference = _agreeing(problem, np.log(c), ratio_drives)
     if reference:
         scale = gmean(c[list(reference)])
-        c = np.array([c_i / scale if i in alike else c_i for i, c_i in enumerate(c)])
+        c = np.array([c_i / scale if i in ratio_drives else c_i for i, c_i in enumerate(c)])
     return corrected(reference)
 
 
 def _agreeing(
-    problem: FittedProblem, logarithms: Float[np.ndarray, " dof"], alike: tuple[int, ...]
+    problem: FittedProblem, logarithms: Float[np.ndarray, " dof"], ratio_drives: tuple[int, ...]
 ) -> tuple[int, ...]:
     """The other drives where one gain differs and theirs agree: a single wrong torque constant is
     likelier than several. Empty where there is no such drive."""
-    if len(alike) < 3:
+    if len(ratio_drives) < 3:
         return ()
-    dof, middle = len(logarithms), np.median(logarithms[list(alike)])
-    odd = max(alike, key=lambda i: abs(logarithms[i] - middle))
-    reference = [i for i in alike if i != odd]
+    dof, middle = len(logarithms), np.median(logarithms[list(ratio_drives)])
+    odd = max(ratio_drives, key=lambda i: abs(logarithms[i] - middle))
+    reference = [i for i in ratio_drives if i != odd]
     apart = np.eye(dof)[reference] - np.isin(np.arange(dof), reference) / len(reference)
     combinations = np.zeros((len(apart), len(problem.values)))
     combinations[:, -dof:] = apart
@@ -195,18 +195,18 @@ def moves_of_scale(problem: FittedProblem) -> tuple[dict[str, float], ...]:
     names = problem.dynamics.layout.names
     return tuple(
         dict(zip(names, (addition.common_spread * problem.p).tolist(), strict=True))
-        for addition in problem.additions if isinstance(addition, Gains) and addition.alike
+        for addition in problem.additions if isinstance(addition, Gains) and addition.ratio_drives
     )  # fmt: skip
 
 
 def shown_by_torques(additions: Sequence[Addition]) -> tuple[Addition, ...]:
-    """Additions without gains that only sensors determine and no load: beside these, friction has
+    """Additions without gains that only sensors determine and no load: with these, friction has
     no scale."""
     by_load = any(addition.scale_reference and len(addition.pattern[0]) for addition in additions)
     return tuple(
         addition
         for addition in additions
-        if not isinstance(addition, Gains) or addition.alike or by_load
+        if not isinstance(addition, Gains) or addition.ratio_drives or by_load
     )
 
 

@@ -1,6 +1,6 @@
 """The base parameters of a robot as any generic motion determines them; no recording is needed."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from deltaid.estimation.information import (
 )
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.load import RobotLike, described
-from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
+from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import Weighing, weighings
@@ -41,7 +41,7 @@ def base(robot: RobotLike, *, seed: int = 0) -> BaseParameters:
     """Base parameters of a robot: the combinations that torques determine, with all its sensors.
 
     Args:
-        seed: of the random motion that they are found with.
+        seed: of the random motion that determines them.
 
     Raises:
         DescriptionError: there is no such robot.
@@ -55,17 +55,16 @@ def measured_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:
 
     Sensors' own unknowns count as unknown; their rows are of the size of torques' rows.
     """
-    known, found = weighings(dynamics.robot), all_sensor_rows(dynamics)
-    if not known and not found:
+    known, sensor_rows = weighings(dynamics.robot), all_sensor_rows(dynamics)
+    if not known and not sensor_rows:
         return random_motion_base(dynamics, seed)
     # Slow to load, and seldom needed.
     from deltaid.estimation.additions import extended
     from deltaid.identification.measured_rows import MeasuredRows, SensorAddition
 
-    sensors = [SensorAddition(dynamics, rows, PRIOR_SPREAD) for rows in found]
+    sensors = [SensorAddition(dynamics, rows, PRIOR_SPREAD) for rows in sensor_rows]
     rows = MeasuredRows(extended(dynamics, sensors), known)
-    added = (parameter for sensor in sensors for parameter in sensor.parameters)
-    return _base(dynamics, seed, rows, found, known, added)
+    return _base(dynamics, seed, rows, sensor_rows, known)
 
 
 def _base(
@@ -74,7 +73,6 @@ def _base(
     rows: ExplainingColumns,
     sensors: Sequence[SensorRows] = (),
     known: Sequence[Weighing] = (),
-    added: Iterable[PriorParameter] = (),
 ) -> BaseParameters:
     motion = random_motion(dynamics.kinematics, np.random.default_rng(seed))
     z, zd, zdd = motion.evaluate(np.linspace(0, motion.period, SAMPLES))
@@ -94,6 +92,7 @@ def _base(
     if known:
         facts = [np.append(fact.over(information.columns), 0.0) for fact in known]
         information = replace(information, facts=np.array(facts))
+    added = (parameter for sensor in sensors for parameter in sensor.parameters)
     layout = ParameterLayout((*dynamics.layout.parameters, *added), dynamics.layout.bodies)
     try:
         return base_parameters(information, layout)

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import fitted_effects
 from deltaid.errors import UnsettledFrictionError
-from deltaid.estimation.additions import of_each
+from deltaid.estimation.additions import split_by_addition
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.assembly import assembled
 from deltaid.identification.events import unwatched, watched
@@ -21,7 +21,7 @@ from deltaid.identification.friction_constants import LawConstants, freed
 from deltaid.identification.gains import moves_of_scale
 from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.lags_and_gears import without_doubtful_lags
-from deltaid.identification.loads import held, identified_loads, unloaded
+from deltaid.identification.loads import held_loads, identified_loads, unloaded
 from deltaid.identification.setup import Setup
 from deltaid.identification.sources import source
 from deltaid.identification.stages import idle, run_stages
@@ -140,7 +140,7 @@ def _identification(setup: Setup, problem: FittedProblem, progress: Progress) ->
     """The model of a fit, with its torque errors on the recordings."""
     additions, judged = setup.additions, judged_parameters(freed(problem))
     added = judged[len(problem.p) :]
-    loads = identified_loads(additions, added, held(setup.recordings))
+    loads = identified_loads(additions, added, held_loads(setup.recordings))
     effects = fitted_effects(additions, added)
     carried = {load.name: load.p for load in loads}
     recordings = tuple(unloaded(r, carried).repaired(pulls=effects) for r in setup.recordings)
@@ -149,7 +149,7 @@ def _identification(setup: Setup, problem: FittedProblem, progress: Progress) ->
     errors = [torque_error(setup.dynamics, problem.p, recording) for recording in compared]
     corrections = (
         correction
-        for addition, parameters in of_each(additions, added)
+        for addition, parameters in split_by_addition(additions, added)
         for correction in addition.to_corrections(parameters)
     )
     rows = zip(recordings, problem.used, errors, strict=True)

@@ -39,7 +39,7 @@ class InspectedWindow:
     spikes: Bool[np.ndarray, "dof samples"]
     # whether torques of gears change their sign, then whether speeds of joints do
     signs: Bool[np.ndarray, "changes samples"]
-    taken: Torques  # of the motion that the low-pass removed [N m or N]
+    removed: Torques  # of the motion that the low-pass removed [N m or N]
     speed: Torques  # of the drives, as shares of the usual ones
 
     def part(self, samples: slice) -> "InspectedWindow":
@@ -66,15 +66,15 @@ def inspected_window(expected: Expectation, window: Window) -> InspectedWindow:
     speeds, _ = joint_rates(expected.source.dynamics.kinematics, wide)
     signs = np.signbit(np.vstack([gear, speeds.T]))
     signs = np.diff(signs, axis=1, append=signs[:, -1:])
-    taken = np.zeros_like(mean)
+    removed = np.zeros_like(mean)
     if np.any(np.nan_to_num(np.abs(size)) > STRONG) or np.any(np.nan_to_num(rough) > ROUGH):
-        taken = _taken_off(window, expected, mean)
+        removed = _removed_torques(window, expected, mean)
     speed = np.abs(wide.qd.T) / expected.nuisance.speed[: len(mean), None]
-    by_drive = (wide.z.T, mean, size, rough, spikes, signs, taken, speed)
+    by_drive = (wide.z.T, mean, size, rough, spikes, signs, removed, speed)
     return InspectedWindow(window.own.time, *(window.trimmed(values.T).T for values in by_drive))
 
 
-def _taken_off(window: Window, expected: Expectation, mean: Torques) -> Torques:
+def _removed_torques(window: Window, expected: Expectation, mean: Torques) -> Torques:
     """Torques of the motion that the low-pass removed, as at jolts: where a robot starts, stops or
     turns sharply, the filtered motion does so smoothly and earlier."""
     source, wide, n = expected.source, window.wide, expected.length

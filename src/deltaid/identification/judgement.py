@@ -131,7 +131,7 @@ class _Judge:
             high = high if ended else self._prior_interval(i, prior_std)[2]
             return self._parameter(i, "limit", max(high - value, value - low) / NORMAL, low, high)
         enough = _SHRUNK * min(prior_std, float(self._own_std[i]))
-        on = self._known.rests_on(i, self._visible & self._free)
+        on = self._known.leading_priors(i, self._visible & self._free)
         half = 0.5 * (high - low)
         if half < NORMAL * enough or (ended and std < enough and not on):
             share = self._ranges.share(unit, low, high)

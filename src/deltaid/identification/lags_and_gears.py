@@ -15,7 +15,7 @@ from deltaid.effects.lags import estimate_lags
 from deltaid.effects.timing import other_than_delays
 from deltaid.effects.windings import Compliance, motors_of
 from deltaid.errors import IdentificationError, RecordingError
-from deltaid.estimation.additions import Addition, of_each
+from deltaid.estimation.additions import Addition, split_by_addition
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.gains import gains
@@ -96,7 +96,7 @@ def _timed(
     recording: PreparedRecording,
     record: Trace,
     timing: Timing,
-    beside: tuple[Addition, ...],
+    others: tuple[Addition, ...],
 ) -> tuple[dict[str, Any], list[Addition]]:
     """Repairs by filters and a clock, and columns for remaining lags, time constants and rate."""
     groups, several = chosen_groups(timing.lags, timing.of_lags), len(setup.recordings) > 1
@@ -109,7 +109,7 @@ def _timed(
         "constants": tuple(timing.constants.tolist()) if filtered else (),
         "growth": timing.growth(record),
     }
-    common = (setup.dynamics, beside, timing.p, recording, groups, several)
+    common = (setup.dynamics, others, timing.p, recording, groups, several)
     return repairs, [LagColumns(*common, timing=timing)]
 
 
@@ -120,7 +120,7 @@ def without_doubtful_lags(setup: Setup, judged: Sequence[Parameter]) -> Setup:
     Args:
         judged: the parameters of all additions, as fitted.
     """
-    for addition, fitted in of_each(setup.additions, judged):
+    for addition, fitted in split_by_addition(setup.additions, judged):
         if not isinstance(addition, LagColumns) or not _doubtful(addition.to_corrections(fitted)):
             continue
         recordings = [recording for recording in setup.recordings if addition.is_of(recording)]

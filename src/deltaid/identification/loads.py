@@ -19,7 +19,7 @@ from deltaid.effects.all import effect_of
 from deltaid.effects.effect import Cause, causes_of
 from deltaid.effects.load_columns import LoadColumns, Ten
 from deltaid.errors import RecordingError
-from deltaid.estimation.additions import Addition, extended, of_each
+from deltaid.estimation.additions import Addition, extended, split_by_addition
 from deltaid.estimation.objective import pose
 from deltaid.estimation.reduction import build_reduction
 from deltaid.identification.contest_stage import contested
@@ -45,14 +45,14 @@ from deltaid.recording.repairs import LeftSpan
 _LONGEST = 600.0
 
 # Name of each recording, for messages, and the loads that it holds.
-Held = Sequence[tuple[str, Sequence[Load]]]
+HeldLoads = Sequence[tuple[str, Sequence[Load]]]
 
 
-def held(recordings: Sequence[PreparedRecording]) -> Held:
+def held_loads(recordings: Sequence[PreparedRecording]) -> HeldLoads:
     return [(str(recording.path), recording.log.columns.loads) for recording in recordings]
 
 
-def joined(holding: Held) -> tuple[Load, ...]:
+def joined_loads(holding: HeldLoads) -> tuple[Load, ...]:
     """The loads of recordings, one of each name, with everything declared about it.
 
     Raises:
@@ -75,7 +75,7 @@ def joined(holding: Held) -> tuple[Load, ...]:
 
 def declared_loads(setup: Setup, progress: Progress) -> Setup:
     """Subtract declared loads, as known or roughly estimated."""
-    loads = joined(held(setup.recordings))
+    loads = joined_loads(held_loads(setup.recordings))
     if not loads:
         return setup
     progress("estimating what the robot carries")
@@ -98,7 +98,7 @@ def unloaded(recording: PreparedRecording, loads: dict[str, Ten]) -> PreparedRec
 
 
 def identified_loads(
-    additions: Sequence[Addition], judged: Sequence[Parameter], holding: Held
+    additions: Sequence[Addition], judged: Sequence[Parameter], holding: HeldLoads
 ) -> tuple[HeldLoad, ...]:
     """Loads of a fit by its additions and their judged parameters."""
     names = [(Path(where).name, {load.name for load in loads}) for where, loads in holding]
@@ -109,7 +109,7 @@ def identified_loads(
             logs=tuple(log for log, held in names if addition.load.name in held),
             parameters=addition.whole(fitted),
         )
-        for addition, fitted in of_each(additions, judged)
+        for addition, fitted in split_by_addition(additions, judged)
         if isinstance(addition, LoadColumns)
     )
 
@@ -158,12 +158,12 @@ def _rough(setup: Setup, columns: Sequence[LoadColumns]) -> list[Ten]:
     reduction = build_reduction(setup.robot, information.columns, added)
     _, gradient, hessian = pose(information, reduction, setup.settings).evaluate(reduction.prior)
     p = reduction.A @ (reduction.prior - np.linalg.solve(hessian, gradient)) + reduction.p_0
-    fitted = dict(of_each(additions, p[len(setup.dynamics.layout.names) :]))
+    fitted = dict(split_by_addition(additions, p[len(setup.dynamics.layout.names) :]))
     return [c.prior if c.is_fixed else np.array(fitted[c]) for c in columns]
 
 
 def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
-    """Stage for undeclared loads: the contest is held beside detected loads and, unless all is
+    """Stage for undeclared loads: the contest is held with detected loads and, unless all is
     explained, without them; the better explanation is kept."""
     if setup.settings.effects == "none":
         return setup
@@ -187,20 +187,20 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
             return undeclared_loads(first.changed(barred_effects=barred), progress)
         setup = estimated_anew(setup.studied(), progress)
     if _is_disturbed(setup):
-        beside = setup
+        with_loads = setup
     elif len(detected) > len(first.detected):
-        beside = contested(setup, progress)
+        with_loads = contested(setup, progress)
     else:
         return setup
-    needed = _kept(beside)
-    if not needed and _is_adequate(beside):
-        return beside
+    needed = _kept(with_loads)
+    if not needed and _is_adequate(with_loads):
+        return with_loads
     # Other causes may look like a load.
-    instead = contested(first.changed(studies=()), progress)
-    kept = _kept(instead)
-    if kept and _is_adequate(instead) and (kept <= needed or not _is_adequate(beside)):
-        return instead
-    return beside
+    without_loads = contested(first.changed(studies=()), progress)
+    kept = _kept(without_loads)
+    if kept and _is_adequate(without_loads) and (kept <= needed or not _is_adequate(with_loads)):
+        return without_loads
+    return with_loads
 
 
 def _short(setup: Setup) -> frozenset[str]:

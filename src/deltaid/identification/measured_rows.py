@@ -229,7 +229,7 @@ class MeasuredRows:
 
     @cached_property
     def sensors(self) -> tuple[SensorPart, ...]:
-        additions, sizes = self.regressor.additions, [self.regressor.own]
+        additions, sizes = self.regressor.additions, [self.regressor.robot_columns]
         sizes += [len(addition.parameters) for addition in additions]
         placed = list(zip(additions, np.cumsum(sizes).tolist(), strict=False))
         loads = [

@@ -156,7 +156,7 @@ def _stretches(w: InspectedWindow, limits: OfDrives) -> list[OutlierStretch]:
     """Runs of samples without a gap in which any drive is beyond the weak threshold."""
     lasting = np.nan_to_num(np.abs(w.size)) / (STRONG * limits[:, None])
     size = np.maximum(lasting, np.nan_to_num(w.rough) / ROUGH)
-    taken, mean = np.nan_to_num(w.taken), np.nan_to_num(w.mean)
+    removed, mean = np.nan_to_num(w.removed), np.nan_to_num(w.mean)
     stretches = list[OutlierStretch]()
     for first, last in runs_of(np.any(size > SURE / STRONG, axis=0)).tolist():
         inside = slice(first, last + 1)
@@ -168,7 +168,7 @@ def _stretches(w: InspectedWindow, limits: OfDrives) -> list[OutlierStretch]:
         # Copies: a view would keep all samples about it, for as long as the recording is inspected.
         z, speed, residual = (values[:, k].copy() for values in (w.z, w.speed, mean))
         total = max(float(np.linalg.norm(mean[:, inside])), 1e-300)
-        sharp = float(np.linalg.norm(taken[:, inside])) / total
+        sharp = float(np.linalg.norm(removed[:, inside])) / total
         stretches.append(OutlierStretch(start, end, sizes, peak, z, speed, residual, sharp))
     return stretches
 
@@ -193,7 +193,7 @@ def without_recurring(
     for j, times in enumerate(outliers.reversals):
         of_joint = (first == j) | (j >= len(turns))
         if _recurs(peaks[of_joint], times, near, outliers.inspected)[0]:
-            friction |= of_joint & _beside(peaks, times, near)
+            friction |= of_joint & _are_near(peaks, times, near)
     of_drives = [(first == i) & ~friction for i in range(len(turns))]
     rules = [
         _recurs(peaks[of_drive], times, near, outliers.inspected)
@@ -202,8 +202,8 @@ def without_recurring(
     spoilt: list[tuple[float, float, int]] = []
     if any(rule for rule, _ in rules):
         loose = [i for i, (_, as_well) in enumerate(rules) if as_well]
-        usual = [of_drives[i] & _beside(peaks, turns[i], near) for i in loose]
-        about = [_beside(peaks, times, _ABOUT * near) for times in turns]
+        usual = [of_drives[i] & _are_near(peaks, turns[i], near) for i in loose]
+        about = [_are_near(peaks, times, _ABOUT * near) for times in turns]
         most = np.where(np.any(about, axis=0), _LARGER, _ELSEWHERE)
         play = ~friction & (size <= most * np.median(size[np.any(usual, axis=0)]))
         spoilt = [(t, t, i) for i in loose for t in turns[i].tolist()]
@@ -217,7 +217,7 @@ def without_recurring(
     return [stretch for stretch, kept in zip(stretches, rest, strict=True) if kept], spans
 
 
-def _beside(peaks: Times, times: Times, near: float) -> Bool[np.ndarray, " _"]:
+def _are_near(peaks: Times, times: Times, near: float) -> Bool[np.ndarray, " _"]:
     """Which peaks are near one of these ascending times."""
     after = np.append(times, np.inf)[np.searchsorted(times, peaks)]
     before = np.append(-np.inf, times)[np.searchsorted(times, peaks)]
@@ -230,7 +230,7 @@ def _recurs(peaks: Times, times: Times, near: float, duration: float) -> tuple[b
         return False, False
     gaps = np.minimum(np.diff(times), 2 * near)
     share = min(1.0, (gaps.sum() + 2 * near) / duration)
-    hits = int(_beside(peaks, times, near).sum())
+    hits = int(_are_near(peaks, times, near).sum())
     chance = float(bdtrc(hits - 1, len(peaks), share))  # of as many or more
     often = hits >= max(_FEWEST, 0.5 * len(peaks))
     return often and chance < NEVER, hits >= _AS_WELL and chance < UNLIKELY

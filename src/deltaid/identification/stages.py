@@ -13,11 +13,11 @@ import numpy as np
 from deltaid.effects.along_motion import AlongMotion, RippleColumns
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
-from deltaid.estimation.additions import of_each
+from deltaid.estimation.additions import split_by_addition
 from deltaid.estimation.scatter import NORMAL
 from deltaid.identification.column_stages import (
     holds_filled,
-    late_rates_left_out,
+    late_rates_excluded,
     sensors_included,
     sensors_settled,
 )
@@ -93,7 +93,7 @@ def sharpened(setup: Setup, progress: Progress) -> Setup:
 STAGES: tuple[Stage, ...] = (
     sensors_included,
     holds_filled,
-    late_rates_left_out,
+    late_rates_excluded,
     declared_loads,
     without_events,
     wound_up_instead_of_play,
@@ -142,7 +142,7 @@ def idle(setup: Setup, problem: FittedProblem) -> Idle:
     }
     values, first = problem.values.copy(), len(problem.p)
     effects: dict[str, list[int]] = {}
-    for addition, places in of_each(problem.additions, range(first, len(values))):
+    for addition, places in split_by_addition(problem.additions, range(first, len(values))):
         if isinstance(addition, AlongMotion) and not isinstance(addition, RippleColumns):
             effects[addition.name] = list(places)
         elif isinstance(addition, LoadColumns) and addition.is_detected:

@@ -81,7 +81,7 @@ class Uncertainty:
     moves: Float[np.ndarray, "others parameters"]
     follows: Float[np.ndarray, "base parameters"]
 
-    def rests_on(self, i: int, among: Bool[np.ndarray, " parameters"]) -> tuple[int, ...]:
+    def leading_priors(self, i: int, among: Bool[np.ndarray, " parameters"]) -> tuple[int, ...]:
         """Other parameters, out of `among`, whose priors make up most of the variance by priors of
         parameter i, cᵀ H⁻¹ P H⁻¹ c: the sum of the squares of `moves`."""
         share = np.where(among, self.moves[:, i] ** 2, 0.0)
