@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from scipy import stats
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.scatter import Scatter
+from deltaid.identification import uncertainty as uncertainty_module
 from deltaid.identification.identify import Identification, identify
-from deltaid.identification.uncertainty import Uncertainty, uncertainty
+from deltaid.identification.uncertainty import ConsistentRanges, Uncertainty, uncertainty
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.load import load_robot
@@ -154,3 +156,27 @@ def test_variances_from_few_groups_are_unbiased_with_the_freedom_that_they_say()
     v, freedom = np.array([variances[0][0] for variances in found]), found[0][1][0]
     assert v.mean() == pytest.approx(np.sum(U**2), rel=0.05)
     assert 2 * v.mean() ** 2 / v.var() == pytest.approx(freedom, rel=0.1)
+
+
+@pytest.mark.parametrize(("gap", "is_known"), [(1e-4, True), (1e-2, False)])
+def test_an_end_counts_where_rounding_stops_the_solver_at_it(
+    case, monkeypatch: pytest.MonkeyPatch, gap: float, is_known: bool
+) -> None:
+    result, _ = case
+    problem = result.problem
+    c = np.eye(len(problem.values))[problem.layout.names.index("coulomb.drive1")]
+    expected = ConsistentRanges(problem).ends(c)
+    solve = uncertainty_module.interior_point
+
+    def stopped(*arguments: object) -> SimpleNamespace:
+        end = solve(*arguments)
+        bound = end.obj_val - gap * max(1.0, abs(end.obj_val))
+        return SimpleNamespace(
+            status="InsufficientProgress", obj_val=end.obj_val, obj_val_dual=bound
+        )
+
+    monkeypatch.setattr(uncertainty_module, "interior_point", stopped)
+    ends = ConsistentRanges(problem).ends(c)
+    assert np.all(np.isfinite(ends)) == is_known
+    if is_known:
+        np.testing.assert_allclose(ends, expected, rtol=1e-3)

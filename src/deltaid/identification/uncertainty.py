@@ -231,9 +231,7 @@ class ConsistentRanges:
         if size == 0:
             return 0.0, 0.0
         ends = [self._solve(sign * cost / size, self._rows, radius) for sign in (1.0, -1.0)]
-        low, high = (
-            size * float(end.obj_val) if str(end.status) in _SOLVED else -np.inf for end in ends
-        )
+        low, high = (size * float(end.obj_val) if _is_known(end) else -np.inf for end in ends)
         return low, -high
 
     @cached_property
@@ -267,3 +265,10 @@ class ConsistentRanges:
         rows, right = -svec(slopes).T @ self._map[columns], svec(at_centre)
         size = max(float(np.abs(rows).max()), float(np.abs(right).max()))
         return rows / size, right / size, definite(len(at_centre))
+
+
+def _is_known(end: clarabel.DefaultSolution) -> bool:
+    """Whether the solver ended at an optimum, or rounding stopped it where the dual bound agrees to
+    the accuracy of ranges."""
+    gap = abs(end.obj_val - end.obj_val_dual)  # NaN without an optimum
+    return str(end.status) in _SOLVED or gap <= _ACCURACY * max(1.0, abs(end.obj_val))
