@@ -300,11 +300,8 @@ def _given(
     b: Float[np.ndarray, " n"], V: Matrix, robots: np.ndarray
 ) -> tuple[Float[np.ndarray, " own"], Float[np.ndarray, "own own"]]:
     """Distribution of the robot's base parameters, given the others, whose values are errors."""
-    size, others = np.sqrt(np.diag(V)), ~robots
-    C, b = correlations(V), b / size
-    if others.any():
-        rows = np.column_stack([C[np.ix_(others, robots)], b[others]])
-        half = solve_triangular(np.linalg.cholesky(C[np.ix_(others, others)]), rows, lower=True)
-        C[np.ix_(robots, robots)] -= half[:, :-1].T @ half[:, :-1]
-        b[robots] -= half[:, :-1].T @ half[:, -1]
-    return (b * size)[robots], (C * np.outer(size, size))[np.ix_(robots, robots)]
+    L, size = scaled_cholesky(V[np.ix_(~robots, ~robots)])
+    rows = np.column_stack([V[np.ix_(~robots, robots)], b[~robots]]) / size[:, None]
+    half = solve_triangular(L, rows, lower=True)
+    explained = half.T @ half
+    return b[robots] - explained[:-1, -1], V[np.ix_(robots, robots)] - explained[:-1, :-1]
