@@ -237,19 +237,24 @@ class ConstantForce(AtPlatform):
 
 
 class PlatformSpring(AtPlatform):
-    """K: a force that grows with the distance from home, in any direction."""
+    """K = Kᵀ and K x_r: a force that grows with the distance from where the spring is relaxed,
+    F = −K (x − x_r), as that of a potential."""
 
     name = "platform-spring"
-    symbols = tuple(f"K{i}{j}" for i in "xyz" for j in "xyz")
-    units = ("N/m",) * 9
+    symbols = ("Kxx", "Kyy", "Kzz", "Kxy", "Kxz", "Kyz", "Fx", "Fy", "Fz")
+    units = ("N/m",) * 6 + ("N",) * 3
 
     def forces(self, x: InWorld, v: InWorld) -> Forces:
-        return -np.einsum("ik,sj->ijsk", np.eye(3), x).reshape(9, len(x), 3)
+        along, across = np.eye(3), [(0, 1), (0, 2), (1, 2)]
+        straight = [np.outer(x[:, i], along[i]) for i in range(3)]
+        coupled = [np.outer(x[:, j], along[i]) + np.outer(x[:, i], along[j]) for i, j in across]
+        relaxed = -along[:, None, :] * np.ones((len(x), 1))
+        return -np.stack([*straight, *coupled, *relaxed])
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        K = np.array([entry.value for entry in judged]).reshape(3, 3)
+        stiffness = float(np.mean([entry.value for entry in judged[:3]]))
         text = "a spring pulls the platform back, as a hose, a cable or a balancer does"
-        return self.correction(float(np.trace(K)) / 3, judged, "N/m", text)
+        return self.correction(stiffness, judged[:6], "N/m", text)
 
 
 class Drag(AtPlatform):

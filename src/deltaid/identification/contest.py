@@ -5,7 +5,7 @@ shrinks all effects (`estimation.shrinkage`). Then effects that the rows do not 
 others are dropped; the rest is applied exactly, and the next sweep takes new slopes.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -252,17 +252,27 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
     """A fit with the candidates that rows need beside all others.
 
     The least surprising is dropped first, until all exceed `least` [decades]; then kept candidates
-    are exchanged for others, one for one, while the rows become more probable. A candidate that is
-    smaller than the torque that no effect explains may be a part of it and is dropped, either from
-    the start or only once all others are surprising, whichever makes the rows more probable.
+    are exchanged for others, one for one, or one is added again, while the rows become more
+    probable: each of several may be needless only beside others that are dropped later. A candidate
+    that is smaller than the torque that no effect explains may be a part of it and is dropped,
+    either from the start or only once all others are surprising, whichever makes the rows more
+    probable.
     """
     now = _eliminated(full, least, by_size=True)
     if any(map(is_unexplained, full.candidates)):
         size_last = _eliminated(_eliminated(full, least, by_size=False), least, by_size=True)
         now = max(now, size_last, key=lambda fit: fit.evidence)
-    while better := rivals(full, now, least, 0.0):
-        now = max(better.values(), key=lambda fit: fit.evidence)
+    while better := [*rivals(full, now, least, 0.0).values(), *_enlarged(full, now, least)]:
+        now = max(better, key=lambda fit: fit.evidence)
     return now
+
+
+def _enlarged(full: Shrunk, now: Shrunk, least: float) -> Iterator[Shrunk]:
+    """More probable fits with one more candidate than `now`, of which none would be dropped."""
+    for trial in suspects(full, now).values():
+        all_stay = len(_eliminated(trial, least, by_size=True).candidates) == len(trial.candidates)
+        if all_stay and trial.evidence > now.evidence:
+            yield trial
 
 
 def _eliminated(now: Shrunk, least: float, *, by_size: bool) -> Shrunk:

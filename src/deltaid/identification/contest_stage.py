@@ -36,7 +36,7 @@ from deltaid.identification.lags_and_gears import (
 )
 from deltaid.identification.passive_turns import OfPassive, speed_errors, without_turns
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
-from deltaid.levels import SWEEPS, WIDER
+from deltaid.levels import ROUNDS, WIDER
 from deltaid.recording.repairs import Gears
 
 # Sweeps after which no effect is added any more: from then on sweeps only drop effects.
@@ -191,7 +191,7 @@ def _sweeps(
         sweep += 1
         if after.doubts != before.doubts:
             dismissed, sweep = (*dismissed, last.p - plain), 0  # others may take part instead
-        elif sweep == SWEEPS or is_settled(before, after):
+        elif sweep == ROUNDS or is_settled(before, after):
             break
         try:
             now = with_readings(without, after, last.p)

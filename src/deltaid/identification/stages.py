@@ -14,7 +14,7 @@ from deltaid.effects.along_motion import AlongMotion, RippleColumns
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import split_by_addition
-from deltaid.estimation.scatter import NORMAL
+from deltaid.estimation.scatter import NORMAL, surprise
 from deltaid.identification.column_stages import (
     holds_filled,
     late_rates_excluded,
@@ -31,7 +31,7 @@ from deltaid.identification.gains import gains
 from deltaid.identification.lags_and_gears import gears_turned_back, lags_corrected
 from deltaid.identification.loads import declared_loads, undeclared_loads
 from deltaid.identification.setup import Progress, Setup, Stage
-from deltaid.identification.uncertainty import uncertainty
+from deltaid.identification.uncertainty import covariance
 from deltaid.identification.warmth import changing_friction
 from deltaid.model.parameter_record import JointTerm
 
@@ -131,8 +131,9 @@ class Idle(NamedTuple):
 
 
 def idle(setup: Setup, problem: FittedProblem) -> Idle:
-    """Chosen friction terms and effects along the motion whose coefficients may all be zero, and
-    detected loads whose mass may be. Ripples are always needed: their orders are beyond chance."""
+    """Chosen friction terms and effects along the motion whose coefficients may all be zero at
+    once, and detected loads whose mass may be. Ripples are always needed: their orders are beyond
+    chance."""
     steps = setup.friction_choice.steps if setup.friction_choice else ()
     chosen = {(step.joint, step.addition) for step in steps if step.useful}
     terms = {
@@ -150,8 +151,15 @@ def idle(setup: Setup, problem: FittedProblem) -> Idle:
             effects[addition.load.name] = [places[0]]
     if not (terms or effects):
         return Idle()
-    may_be_zero = np.abs(values) < NORMAL * uncertainty(freed(problem)).std
+    free = freed(problem)
+
+    def may_be_zero(places: Sequence[int]) -> bool:
+        """Whether χ² of all values together stays within its 95 % quantile."""
+        own = values[list(places)]
+        distance = own @ np.linalg.solve(covariance(free, places), own)
+        return surprise(float(distance), len(own)) < surprise(NORMAL**2, 1)
+
     return Idle(
-        frozenset(term for term, k in terms.items() if may_be_zero[k]),
-        frozenset(name for name, places in effects.items() if all(may_be_zero[places])),
+        frozenset(term for term, place in terms.items() if may_be_zero([place])),
+        frozenset(name for name, places in effects.items() if may_be_zero(places)),
     )

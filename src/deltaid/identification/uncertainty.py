@@ -1,6 +1,7 @@
 """Uncertainty of identified parameters and its sources, given data and prior (`uncertainty`) or
 data and physical consistency alone (`ConsistentRanges`)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -135,6 +136,18 @@ def uncertainty(
         A @ H_inverse_A / prior_scale(reduction)[:, None],
         follows,
     )
+
+
+def covariance(problem: FittedProblem, places: Sequence[int]) -> Float[np.ndarray, "n n"]:
+    """Covariance of some parameters given data and prior, from the variances of their sums:
+    C_ij = (var(x_i + x_j) − var x_i − var x_j) / 2."""
+    each = np.eye(len(problem.values))[list(places)]
+    sums = (each[:, None] + each[None]).reshape(-1, each.shape[1])
+    variances = uncertainty(problem, sums).std.reshape(len(each), -1) ** 2
+    single = np.diag(variances) / 4  # var 2 x_i
+    C = (variances - single[:, None] - single) / 2
+    np.fill_diagonal(C, single)
+    return C
 
 
 class ConsistentRanges:
