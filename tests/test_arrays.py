@@ -108,8 +108,9 @@ def test_units_of_arrays(frame: pl.DataFrame) -> None:
     )
     motor = Recording.from_arrays(**given | {"q": np.degrees(2 * given["q"])})
     np.testing.assert_allclose(samples(motor, columns), rows, rtol=1e-14, atol=1e-14)
-    # Its own units go before those of the call.
-    np.testing.assert_array_equal(samples(scaled, columns), samples(scaled))
+    # Units in a mapping go first, as for files.
+    mixed = Recording.from_arrays(**given | {"q": np.degrees(2 * given["q"])}, unit_q="rev")
+    np.testing.assert_array_equal(samples(mixed, columns), samples(motor, columns))
 
 
 def test_derivatives_and_a_rate_in_place_of_times() -> None:
@@ -193,7 +194,8 @@ def test_values_and_units_that_do_not_fit(frame: pl.DataFrame) -> None:
     message = refusal(samples, Recording.from_arrays(**given | {"q": q}))
     assert message.startswith("arrays, row 18: column q2 is 'nan', not a finite number")
     wrong = Recording.from_arrays(**given, unit_tau="deg", name="run 7")
-    assert refusal(samples, wrong).startswith("run 7, torque[0]: unit 'deg' is not a unit of N m")
+    message = refusal(samples, wrong)
+    assert message.startswith("run 7, unit of tau1: unit 'deg' is not a unit of N m")
     two = Recording.from_arrays(t=given["t"], q=given["q"][:, :2], tau=given["tau"][:, :2])
     assert refusal(samples, two).startswith("arrays: q has 2 columns, but the robot has 3 drives")
     silent = Recording.from_arrays(t=given["t"], q=given["q"])

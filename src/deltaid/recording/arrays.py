@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike
 
 from deltaid.errors import RecordingError
 from deltaid.mechanism.one_or_many import real_numbers
-from deltaid.recording.mapped_columns import SHORT_NAMES, DriveColumn, Quantity, TimeColumn
-from deltaid.recording.mapping import ColumnMapping
 
 # One unit for all drives, or one unit per drive.
 Units = str | Sequence[str]
@@ -155,13 +153,13 @@ def _columns(
     return columns
 
 
-def mapping_of(
-    units: dict[str, Units | None], unit_t: str | None, arrays: dict[str, np.ndarray], name: str
-) -> ColumnMapping | None:
-    """Mapping that states the units; None without units."""
-    columns: dict[Quantity, tuple[DriveColumn, ...]] = {}
-    for quantity, key in SHORT_NAMES.items():
-        if (unit := units[key]) is None:
+def units_of(
+    given: Mapping[str, Units | None], unit_t: str | None, arrays: dict[str, np.ndarray], name: str
+) -> dict[str, str]:
+    """Stated units by the names of columns."""
+    units = {} if unit_t is None else {"t": str(unit_t)}
+    for key, unit in given.items():
+        if unit is None:
             continue
         where = f"{name}, unit_{key}"
         if key not in arrays:
@@ -176,15 +174,5 @@ def mapping_of(
                 where=where,
                 cure="give one for all, or one a drive",
             )
-        columns[quantity] = tuple(
-            DriveColumn(column=f"{key}{i + 1}", unit=unit) for i, unit in enumerate(each)
-        )
-    if not columns and unit_t is None:
-        return None
-    return ColumnMapping(
-        time=TimeColumn(unit=unit_t or "s"),
-        position=columns.get("position"),
-        velocity=columns.get("velocity"),
-        acceleration=columns.get("acceleration"),
-        torque=columns.get("torque"),
-    ).known_as(name)
+        units |= {f"{key}{i}": str(text) for i, text in enumerate(each, start=1)}
+    return units

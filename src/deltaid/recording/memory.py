@@ -18,13 +18,12 @@ from deltaid.recording.arrays import (
     columns_of,
     copied,
     extra_columns,
-    mapping_of,
     numbers_of,
     require_shapes,
     time_of,
+    units_of,
 )
 from deltaid.recording.formats.frames import FrameTable, fields_of
-from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, damage
 from deltaid.shown import Plotted, Shown, Tabled
 
@@ -50,13 +49,11 @@ class Recording(Shown, Plotted, Tabled):
     (`deltaid.recording.recording.PreparedRecording`).
 
     Attributes:
-        table: the numbers.
-        mapping: units, if given with the arrays; else the mapping of the call applies.
+        table: the numbers, with the units that were given.
         drives: number of drives of the arrays; None for a table.
     """
 
     table: LogTable
-    mapping: ColumnMapping | None = None
     drives: int | None = None
 
     def __str__(self) -> str:
@@ -83,7 +80,7 @@ class Recording(Shown, Plotted, Tabled):
         if isinstance(table, Mapping | np.ndarray):
             table = pl.DataFrame(columns_of(table, name))
         frame = table if isinstance(table, pl.DataFrame) else _from_pandas(table, name)
-        return cls(_table(frame, name))
+        return cls(_table(frame, name, {}))
 
     @classmethod
     def from_arrays(
@@ -107,7 +104,8 @@ class Recording(Shown, Plotted, Tabled):
 
         Units are written as in a mapping file, such as "deg", "rpm", "mN*m" or, for per mille of
         23.5 N m, "0.0235 N*m": one for all drives, or a sequence of one per drive. By default
-        numbers are in s and rad, rad/s, rad/s², N m at the joint, or m, m/s, m/s², N.
+        numbers are in s and rad, rad/s, rad/s², N m at the joint, or m, m/s, m/s², N. Columns that
+        a mapping names have its units.
 
         Args:
             q: positions, (samples, drives).
@@ -136,9 +134,9 @@ class Recording(Shown, Plotted, Tabled):
         for key, array in arrays.items():
             columns |= {f"{key}{i + 1}": copied(array[:, i]) for i in range(drives)}
         columns |= extra_columns(extra or {}, samples, columns, name)
-        frame = pl.DataFrame(columns)
-        units = {"q": unit_q, "qd": unit_qd, "qdd": unit_qdd, "tau": unit_tau}
-        return cls(_table(frame, name), mapping_of(units, unit_t, arrays, name), drives)
+        stated = {"q": unit_q, "qd": unit_qd, "qdd": unit_qdd, "tau": unit_tau}
+        units = units_of(stated, unit_t, arrays, name)
+        return cls(_table(pl.DataFrame(columns), name, units), drives)
 
 
 # A table of polars or pandas, a dictionary of arrays, or a structured array of NumPy.
@@ -185,12 +183,12 @@ def as_sources(given: object) -> list[Path | Recording]:
     return [as_source(log, f"table {i + 1}" if several else "table") for i, log in enumerate(given)]
 
 
-def _table(frame: pl.DataFrame, name: str) -> FrameTable:
+def _table(frame: pl.DataFrame, name: str, units: dict[str, str]) -> FrameTable:
     if not Path(name).name:
         raise RecordingError(
             f"'{name}' is no name of a recording", where="name", cure="give it a word"
         )
-    return FrameTable(Path(name), fields_of(frame.lazy()), frame)
+    return FrameTable(Path(name), fields_of(frame.lazy()), frame, units=units)
 
 
 def _from_pandas(table: PandasTable, name: str) -> pl.DataFrame:

@@ -56,8 +56,7 @@ def open_log(
     Args:
         source: a file of any kind in `FORMATS`, or a recording in memory.
         kinematics: kinematics of the recorded robot.
-        mapping: names and units of the columns, if they are not the default ones; arrays with units
-            keep theirs.
+        mapping: names and units of the columns, if they are not the default ones.
         need_torque: whether torques are needed; if not, the log may be a planned motion, and its
             torques are not read.
         keep_all: whether no rows are excluded (`masks`).
@@ -163,10 +162,6 @@ def resolved_table(
                 where=str(source),
                 cure="give arrays of shape (samples, drives), drives in order of q",
             )
-        if source.mapping is not None:
-            is_given = True
-            extra = {key: getattr(mapping, key) for key in ("load", "temperature", "sensors")}
-            mapping = source.mapping.changed(**extra)
         table = source.table
     else:
         table = open_table(source, mapping)
