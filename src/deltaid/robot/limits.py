@@ -20,7 +20,6 @@ from deltaid.robot.part import (
     Positive,
     Range,
     Speed,
-    require_increasing,
 )
 
 TaskName = Literal["x", "y", "z", "psi"]
@@ -68,11 +67,6 @@ class Cylinder(Part):
     shape: Literal["cylinder"] = Field(description="about world z")
     radius: Length = Field(description="m")
     z: Range = Field(description="lowest and highest platform point, m")
-
-    @model_validator(mode="after")
-    def _check(self) -> "Cylinder":
-        require_increasing(self, "z")
-        return self
 
     @property
     def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
@@ -126,11 +120,6 @@ class Box(Part):
     y: Range | None = Field(default=None, description="m; the same")
     z: Range | None = Field(default=None, description="m; the same")
 
-    @model_validator(mode="after")
-    def _check(self) -> "Box":
-        require_increasing(self, "x", "y", "z")
-        return self
-
     @property
     def inner_box(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
         """Centre and half extents: the box itself."""
@@ -177,7 +166,6 @@ class DriveLimits(Part):
 
     @model_validator(mode="after")
     def _check(self) -> "DriveLimits":
-        require_increasing(self, "angle_deg", "position")
         if self._given(_ROTARY) and self._given(_LINEAR):
             raise ValueError("has limits of a motor and of a rail; a drive is one or the other")
         return self

@@ -21,7 +21,6 @@ from deltaid.robot.part import (
     ToolAcceleration,
     ToolAngles,
     ToolSpeed,
-    require_increasing,
 )
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
@@ -70,7 +69,6 @@ class OwnMechanism(Part):
         clash = [name for name in self.joints if name.startswith("drive")]
         if clash:
             raise ValueError(f"joints has {clash[0]}, which is a drive's name")
-        require_increasing(self, "angle_deg")
         return self
 
     def _check_coordinates(self) -> None:

@@ -166,16 +166,10 @@ def limited(low: float, high: float, refusal: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def require_increasing(part: Part, *names: str) -> None:
-    """Refuse ranges whose first bound is not below the second; a schema cannot express this.
-
-    Raises:
-        ValueError: names the key.
-    """
-    for name in names:
-        bounds = getattr(part, name)
-        if bounds is not None and bounds[0] >= bounds[1]:
-            raise ValueError(f"{name} must be given as [lowest, highest]")
+def _increasing(bounds: tuple[float, float]) -> tuple[float, float]:
+    if bounds[0] >= bounds[1]:
+        raise ValueError("must be given as [lowest, highest]")
+    return bounds
 
 
 def _gravity(value: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -226,8 +220,8 @@ Speed = Annotated[
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Point = tuple[Position, Position, Position]
 # Lowest and highest value [m; degrees].
-Range = tuple[Position, Position]
-AngleRange = tuple[Coordinate, Coordinate]
+Range = Annotated[tuple[Position, Position], AfterValidator(_increasing)]
+AngleRange = Annotated[tuple[Coordinate, Coordinate], AfterValidator(_increasing)]
 _Pull = Annotated[Coordinate, schema_limits(minimum=-_STRONGEST, maximum=_STRONGEST)]
 Gravity = Annotated[tuple[_Pull, _Pull, _Pull], AfterValidator(_gravity)]
 ToolAngles = Annotated[AngleRange, Field(description="lowest and highest tool angle ψ, degrees")]

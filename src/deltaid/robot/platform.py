@@ -26,7 +26,6 @@ from deltaid.robot.part import (
     ToolAcceleration,
     ToolAngles,
     ToolSpeed,
-    require_increasing,
 )
 
 # `_check` below refuses other values with a message; editors read the limits in the JSON Schema.
@@ -80,7 +79,6 @@ class _Articulated(Part, ABC):
             raise ValueError("first must name limbs by number, 1 to 4, each once")
         if len(self.first) != 2:
             raise ValueError("first must name two of the four limbs; the others hold the second")
-        require_increasing(self, "angle_deg")
         return self
 
     @property
