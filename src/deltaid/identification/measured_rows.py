@@ -263,7 +263,7 @@ class MeasuredRows:
                 factor = slope.factor(w, x)
                 Y, tau = slope.scaled(Y, factor), tau + factor * carried.T
             shown = [part.weighted(w, recording) for part in sensors]
-            torques = w.weigh(Y, drives), w.weighted(tau, np.arange(len(tau)))
+            torques = w.weighted(Y, drives), w.weighted(tau, np.arange(len(tau)))
             return np.vstack([part[k] for k in (0, 1) for part in (torques, *shown)])
 
         values = window.filtered(weighted)

@@ -54,28 +54,18 @@ def convolve(
     kept = max(0, -(-(samples - length + 1) // decimation))
     if not channels or not kept:
         return np.zeros((filters, channels, kept))
-    span = (_OUTPUTS - 1) * decimation + length
-    band = _band(taps, decimation, span)
-    step = _OUTPUTS * decimation
-    blocks = -(-kept // _OUTPUTS)
-    padded = np.zeros((channels, span))  # samples of the last block
-    end = x[:, (blocks - 1) * step :]
-    padded[:, : min(end.shape[1], span)] = end[:, :span]
-    out = np.empty((filters, channels, blocks * _OUTPUTS))
-
-    def fill(start: int, under: Float[np.ndarray, "channels blocks span"]) -> None:
-        product = np.ascontiguousarray(under).reshape(-1, span) @ band
-        shaped = product.reshape(channels, -1, filters, _OUTPUTS).transpose(2, 0, 1, 3)
-        width = under.shape[1] * _OUTPUTS
-        out[:, :, start * _OUTPUTS :][:, :, :width] = shaped.reshape(filters, channels, width)
-
-    if blocks > 1:
-        under = np.lib.stride_tricks.sliding_window_view(x, span, axis=1)[:, ::step]
-        at_once = max(1, _CHUNK // (channels * span))
-        for start in range(0, blocks - 1, at_once):
-            fill(start, under[:, start : min(start + at_once, blocks - 1)])
-    fill(blocks - 1, padded[:, None])
-    return out[:, :, :kept]
+    span, step = (_OUTPUTS - 1) * decimation + length, _OUTPUTS * decimation
+    band, blocks = _band(taps, decimation, span), -(-kept // _OUTPUTS)
+    short = max(0, (blocks - 1) * step + span - samples)  # of the last block
+    x = np.concatenate([x, np.zeros((channels, short))], axis=1)
+    under = np.lib.stride_tricks.sliding_window_view(x, span, axis=1)[:, ::step]
+    out = np.empty((filters, channels, blocks, _OUTPUTS))
+    at_once = max(1, _CHUNK // (channels * span))
+    for start in range(0, blocks, at_once):
+        part = np.ascontiguousarray(under[:, start : start + at_once])
+        product = (part.reshape(-1, span) @ band).reshape(channels, -1, filters, _OUTPUTS)
+        out[:, :, start : start + at_once] = product.transpose(2, 0, 1, 3)
+    return out.reshape(filters, channels, -1)[:, :, :kept]
 
 
 def _band(

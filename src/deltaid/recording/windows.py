@@ -108,11 +108,7 @@ class SampleBlock:
         m τ = m Y p holds sample by sample, so samples are excluded at the full rate, before a
         filter spreads them.
         """
-        return self.weigh(values.copy(), drives)
-
-    def weigh(self, values: Values, drives: Int[np.ndarray, " channels"]) -> Values:
-        """Do as `weighted`, but in place."""
-        part = np.flatnonzero((self.weights != 1.0).any(axis=1))
+        values, part = values.copy(), np.flatnonzero((self.weights != 1.0).any(axis=1))
         values[:, part] *= self.weights[part].T[drives]
         return values
 
