@@ -141,7 +141,6 @@ def build_telescope(
 
 
 def _in_frame(frame: Rotation, v: Path) -> Path:
-    """A vector and its derivatives in a turning frame."""
     W, R = skew(frame.w), frame.R
     at = R.T @ v.at
     rate = R.T @ v.rate - W @ at

@@ -44,7 +44,6 @@ class Speed:
         return cls(*(ca.vertcat(*(getattr(s, field) for s in speeds)) for field in fields))
 
     def __getitem__(self, k: slice) -> "Speed":
-        """A subset of the symbols."""
         return Speed(self.u[k], self.ud[k], self.value, self.rate)
 
     def being(self, value: ca.SX, rate: ca.SX) -> "Speed":

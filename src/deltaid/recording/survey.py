@@ -41,6 +41,7 @@ class Survey:
     def __init__(self, table: LogTable, columns: Columns, kinematics: Kinematics) -> None:
         self.table, self.columns, self.kinematics = table, columns, kinematics
         self.last_q = np.zeros((0, kinematics.dof))
+        self.units = [units.coordinate for units in kinematics.robot.drive_units.values()]
         self.low, self.high = np.array(np.inf), np.array(-np.inf)
         # For each sensor's channel, number of rows without a number, and the first such row.
         self.empty = np.zeros((2, len(columns.all[columns.sensor_places])), dtype=int)
@@ -94,7 +95,7 @@ class Survey:
         self.empty = np.array([self.empty[0] + np.count_nonzero(empty, axis=0), first])
         self.low = np.fmin(self.low, np.fmin.reduce(values))  # ignores NaN of sensors
         self.high = np.fmax(self.high, np.fmax.reduce(values))
-        self._check_angles(stretch.q, row, apart)
+        self._check_positions(stretch.q, row, apart)
         self.reach.add(stretch, good, row, apart)
         if self.clock.steady:
             self._compare(values, spectrum)
@@ -125,11 +126,22 @@ class Survey:
             *self.table.doubts,
         ]
 
-    def _check_angles(
+    def _check_positions(
         self, q: Float[np.ndarray, "rows dof"], row: int, apart: Int[np.ndarray, " runs"]
     ) -> None:
-        """Refuse impossible angles, and jumps except where time jumps."""
-        middles, robot = self.kinematics.mechanism.middles, self.kinematics.robot
+        self._refuse_angles(q, row)
+        steps = np.diff(q, axis=0, prepend=self.last_q if len(self.last_q) else q[:1])
+        steps[apart], self.last_q = 0.0, q[-1:].copy()
+        self._refuse_lost_reading(steps, q, row)
+        if self.search is None and self.clock.steady:  # the speeds of a plan are smooth
+            faster = np.diff(steps, axis=0, prepend=steps[:1])
+            for i, drive, rows in off_course(faster):
+                size = steps[i : i + rows, drive].sum() - rows * steps[i - 1, drive]
+                self.jumps.append((row + i, drive, float(size)))
+        self._refuse_jump(steps, row)
+
+    def _refuse_angles(self, q: Float[np.ndarray, "rows dof"], row: int) -> None:
+        middles = self.kinematics.mechanism.middles
         largest = [np.inf if m is None else _LARGEST_ARM_ANGLE + abs(m) for m in middles]
         for i, drive in np.argwhere(np.abs(q) > largest)[:1].tolist():
             name = self.columns.position[drive].column
@@ -140,28 +152,25 @@ class Survey:
                 cure="declare its unit and gear with --columns MAPPING.yaml "
                 f"(position: - {{column: {name}, unit: deg, gear: 1}})",
             )
-        steps = np.diff(q, axis=0, prepend=self.last_q if len(self.last_q) else q[:1])
-        steps[apart], self.last_q = 0.0, q[-1:].copy()
+
+    def _refuse_lost_reading(
+        self, steps: Float[np.ndarray, "rows dof"], q: Float[np.ndarray, "rows dof"], row: int
+    ) -> None:
         for i, drive, rows in islice(places := sorted(off_course(steps)), 1):
-            name, there = self.columns.position[drive].column, float(q[i, drive])
-            before, after = there - float(steps[i, drive]), float(q[i + rows, drive])
-            unit = "m" if robot.linear_drives[drive] else "rad"
+            name, unit, wrong = self.columns.position[drive].column, self.units[drive], q[i, drive]
+            before, after = wrong - steps[i, drive], q[i + rows, drive]
             count = sum(place[1] == drive for place in places)
             lasts = "one row" if rows == 1 else f"{rows} rows"
             more = f", and so in {count - 1} more places of {len(q)} rows" if count > 1 else ""
             raise LostReadingError(
-                f"column {name} is {there:.5g} {unit} for {lasts}, between {before:.5g} and "
-                f"{after:.5g} {unit}, which is a wrong reading and no "
-                f"motion{more}",
+                f"column {name} is {wrong:.5g} {unit} for {lasts}, between {before:.5g} and "
+                f"{after:.5g} {unit}, which is a wrong reading and no motion{more}",
                 where=self.table.row_place(row + i),
                 cure="remove such rows, which are then bridged, and inspect encoder and bus",
             )
-        if self.search is None and self.clock.steady:  # the speeds of a plan are smooth
-            faster = np.diff(steps, axis=0, prepend=steps[:1])
-            for i, drive, rows in off_course(faster):
-                size = steps[i : i + rows, drive].sum() - rows * steps[i - 1, drive]
-                self.jumps.append((row + i, drive, float(size)))
-        turning = [not linear for linear in robot.linear_drives]
+
+    def _refuse_jump(self, steps: Float[np.ndarray, "rows dof"], row: int) -> None:
+        turning = [not linear for linear in self.kinematics.robot.linear_drives]
         for i, drive in np.argwhere((np.abs(steps) > _JUMP) & turning)[:1].tolist():
             name = self.columns.position[drive].column
             raise RecordingError(
@@ -171,19 +180,16 @@ class Survey:
                 cure="was the encoder set anew there? Split the log, or declare the column's unit "
                 "and gear with --columns MAPPING.yaml",
             )
-        if self.search is not None:
-            self._refuse_joint(steps, row)
-
-    def _refuse_joint(self, steps: Float[np.ndarray, "rows dof"], row: int) -> None:
+        if self.search is None:
+            return
         for i, drive in islice(places := [*joints(steps)], 1):
             rows = len({place[0] for place in places})
             more = f", and others at {rows - 1} more rows" if rows > 1 else ""
             name, size = self.columns.position[drive].column, float(steps[i, drive])
-            unit = "m" if self.kinematics.robot.linear_drives[drive] else "rad"
             raise RecordingError(
-                f"column {name} jumps by {size:.3g} {unit} from one row to the next and goes on "
-                f"from there, which is no motion{more}; likeliest cause: recordings were joined, "
-                "or rows are missing there that the time does not show",
+                f"column {name} jumps by {size:.3g} {self.units[drive]} from one row to the next "
+                f"and goes on from there, which is no motion{more}; likeliest cause: recordings "
+                "were joined, or rows are missing there that the time does not show",
                 where=self.table.row_place(row + i),
                 cure="split the log there and give its parts as several recordings, or give the "
                 "time that the controller recorded",
@@ -225,11 +231,10 @@ class Survey:
     def _doubts_about_jumps(self) -> Iterator[Doubt]:
         if self.jumps:
             row, drive, size = max(self.jumps, key=lambda jump: abs(jump[2]))
-            unit = "m" if self.kinematics.robot.linear_drives[drive] else "rad"
             several = f", the largest of {len(self.jumps)} jumps" * (len(self.jumps) > 1)
             yield Doubt(
-                f"column {self.columns.position[drive].column} jumps by {size:.3g} {unit} at "
-                f"{self.table.row_name(row)}{several}",
+                f"column {self.columns.position[drive].column} jumps by {size:.3g} "
+                f"{self.units[drive]} at {self.table.row_name(row)}{several}",
                 cause="motions were joined that do not go on from each other",
                 cure="join them by a motion, or at rest: no drive follows a jump, and what is "
                 "computed about it means nothing",

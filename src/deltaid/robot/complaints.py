@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from deltaid.errors import nearest
+from deltaid.grouping import grouped
 from deltaid.robot.yaml_tree import Entry, child
 
 # Most complaints that one message lists, so that it stays readable.
@@ -107,11 +108,8 @@ def _join_unions(located: list[_Complaint]) -> list[_Complaint]:
 
     Branches that accept the type of the value take precedence over those that refuse it.
     """
-    by_place: dict[tuple[int, tuple[str, ...]], list[_Complaint]] = {}
-    for c in located:
-        by_place.setdefault((c.line, c.path), []).append(c)
     joined = []
-    for (line, path), same in by_place.items():
+    for (line, path), same in grouped(((c.line, c.path), c) for c in located).items():
         best = [c for c in same if not c.of_kind] or same
         first, *others = dict.fromkeys(c.reason for c in best)
         reasons = (first, *(reason.removeprefix("must be ") for reason in others))

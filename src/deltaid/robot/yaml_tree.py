@@ -104,8 +104,6 @@ def plain(tree: Entry, where: str, most: int = MOST_NODES) -> Any:
 
 
 class _Composer:
-    """Composes entries from the parser's events."""
-
     def __init__(self, text: str, where: str, most: int) -> None:
         self._events = _events(text, where)
         self._where = where

@@ -5,7 +5,7 @@ copied, into a temporary folder.
 """
 
 import shutil
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from deltaid.errors import RecordingError, visible
-from deltaid.recording.address import RecordedField
+from deltaid.recording.address import RecordedField, listing
 from deltaid.recording.formats.ros_messages import TYPES, MessageError, decoded, layout_of
 from deltaid.recording.source import ZSTD, content, damage, library, packed_by, unzstd
 
@@ -180,7 +180,7 @@ class Topic:
 
     def __str__(self) -> str:
         joints = self.joints.get("position") or next(iter(self.joints.values()), ())
-        return f"{self.name} ({_shortened(joints)})"
+        return f"{self.name} ({listing([*map(RecordedField, joints)])})"
 
 
 def topics_of(bag: Bag) -> list[Topic]:
@@ -194,7 +194,7 @@ def topics_of(bag: Bag) -> list[Topic]:
     if not topics:
         raise RecordingError(
             "has no messages of sensor_msgs/JointState or control_msgs/DynamicJointState; its "
-            f"topics are {_shortened(list(bag.topics))}"
+            f"topics are {listing([*map(RecordedField, bag.topics)])}"
             if bag.topics
             else "holds no topics",
             where=str(bag.path),
@@ -233,9 +233,3 @@ def damaged(bag: Bag, topic: str, error: MessageError, before: int) -> Recording
         where=str(bag.path),
         cure="the bag is damaged there, or was not written as ROS does; copy or record it again",
     )
-
-
-def _shortened(names: Sequence[str]) -> str:
-    more = f" and {len(names) - 20} more" if len(names) > 20 else ""
-    shown = [name if len(name) <= 60 else f"{name[:57]}…" for name in names[:20]]
-    return visible(", ".join(shown)) + more

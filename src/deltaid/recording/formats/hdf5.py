@@ -150,7 +150,6 @@ def _contents(
 def _fields_under(
     name: str, item: Any, by_matlab: bool, depth: int
 ) -> Iterator[tuple[RecordedField, _Place | None]]:
-    """Fields under a name, with the places of those that are numbers."""
     kind = _matlab_class(item) if by_matlab else ""
     if kind and (kind not in _PLAIN or "MATLAB_object_decode" in item.attrs):
         yield matlab_object(name, kind), None

@@ -225,7 +225,6 @@ def _samples(
 
 
 def _interpolated(rows: Rows, places: Places, wanted: Places, columns: Columns) -> Rows:
-    """Interpolate the samples at all wanted places."""
     weights = slice(columns.extra_places.stop, None)
     out = interpolate(places, rows, wanted)
     after = np.clip(np.searchsorted(places, wanted), 1, len(places) - 1)
