@@ -39,18 +39,7 @@ def build_mechanism(robot: RobotDescription, growth: LengthGrowth | None = None)
     described = build_platform(robot, motion)
     middles = [_middle(robot, i, z, point.at) for i, point in enumerate(described.points)]
     platform = build_platform(robot, motion, growth.half) if growth else described
-    limbs = tuple(
-        limb_motion(
-            platform.points[i],
-            limb,
-            robot.limb_bodies(i),
-            drives[i : i + 1],
-            Speed.named("w", 2),
-            middles[i] or 0.0,
-            growth.limb(i) if growth else None,
-        )
-        for i, limb in enumerate(robot.limb_geometry)
-    )
+    limbs = _limbs(robot, platform.points, drives, middles, growth)
     bodies = [body for limb in limbs for body in (limb.bodies.driven, limb.bodies.strut)]
     bodies += platform.bodies
     q = ca.vertcat(*[limb.q for limb in limbs])
@@ -84,6 +73,27 @@ def build_mechanism(robot: RobotDescription, growth: LengthGrowth | None = None)
         forward=None if growth else _closed_form(robot, (z, q), q_symbols),
         lengths=(1.0, 1.0, 1.0, *([platform.length or 1.0] if dof > 3 else [])),
         period=platform.period,
+    )
+
+
+def _limbs(
+    robot: RobotDescription,
+    points: tuple[Path, ...],
+    drives: Speed,
+    middles: list[float | None],
+    growth: LengthGrowth | None,
+) -> tuple[LimbMotion, ...]:
+    return tuple(
+        limb_motion(
+            points[i],
+            limb,
+            robot.limb_bodies(i),
+            drives[i : i + 1],
+            Speed.named("w", 2),
+            middles[i] or 0.0,
+            growth.limb(i) if growth else None,
+        )
+        for i, limb in enumerate(robot.limb_geometry)
     )
 
 

@@ -101,15 +101,8 @@ def limb_motion(
         middle: angle of a rotary drive opposite to which its coordinate jumps by a turn [rad].
         grown: deviations of its lengths from the described ones.
     """
-    lengths: tuple[_Length, _Length] = (limb.upper_arm, limb.strut)
-    R_LW, origin, turned = fixed(limb.R_WL.T), fixed(limb.R_WL.T @ limb.base), ca.SX.eye(3)
-    if grown is not None:
-        point = replace(point, at=point.at + fixed(limb.R_WL[:, 0]) * grown.seat)
-        lengths = limb.upper_arm + grown.arm, limb.strut + grown.strut
-        if grown.place is not None and grown.turn is not None:
-            point = replace(point, at=point.at + fixed(limb.R_WL[:, 1:]) @ grown.place)
-            turned = turned + skew(grown.turn)  # first order is enough for slopes
-            R_LW, origin = turned.T @ R_LW, turned.T @ origin
+    point, lengths, turned = _grown(point, limb, grown)
+    R_LW, origin = turned.T @ fixed(limb.R_WL.T), turned.T @ fixed(limb.R_WL.T @ limb.base)
     d, qd, qdd = R_LW @ (point.at - fixed(limb.base)), drive.u, drive.ud
     rotary = limb.drive == "rotary"
     solved = _rotary(d, limb, lengths, middle) if rotary else _linear(d, limb, lengths[1])
@@ -143,6 +136,20 @@ def limb_motion(
         ),
         reach=solved.reach,
     )
+
+
+def _grown(
+    point: Path, limb: LimbGeometry, grown: LimbGrowth | None
+) -> tuple[Path, tuple[_Length, _Length], ca.SX]:
+    """Platform joint, lengths of arm and strut, and rotation of the limb's frame."""
+    if grown is None:
+        return point, (limb.upper_arm, limb.strut), ca.SX.eye(3)
+    point = replace(point, at=point.at + fixed(limb.R_WL[:, 0]) * grown.seat)
+    lengths = limb.upper_arm + grown.arm, limb.strut + grown.strut
+    if grown.place is None or grown.turn is None:
+        return point, lengths, ca.SX.eye(3)
+    point = replace(point, at=point.at + fixed(limb.R_WL[:, 1:]) @ grown.place)
+    return point, lengths, ca.SX.eye(3) + skew(grown.turn)  # first order is enough for slopes
 
 
 @dataclass(frozen=True)

@@ -174,7 +174,7 @@ class Columns:
 
 
 class Readings(Part):
-    """Of all drives; empty tuples where nothing is off.
+    """Errors of all drives' readings; a tuple is empty if its numbers are right.
 
     Attributes:
         zero: q_0 [rad or m].

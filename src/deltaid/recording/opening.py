@@ -68,30 +68,17 @@ def open_log(
             positions; a sample is out of reach.
     """
     table, columns, mapping = resolved_table(source, kinematics, mapping)
-    if not need_torque:
-        states = columns.extra[len(columns.extra) - columns.states :]
-        columns = replace(columns, torque=(), extra=states, sensors=())
-    elif not columns.torque:
-        raise RecordingError(
-            f"has no torque columns; its columns are {listing(table.fields)}",
-            where=table.header_place,
-            cure=table.cure_without_torque,
-        )
+    columns = _needed(table, columns, need_torque)
     survey = Survey(table, columns, kinematics)
     survey.warnings += table.warnings
     if other_rate := _contradicted_rate(table, columns):
         survey.warnings.append(Doubt(other_rate, cause=OTHER_RATE, cure=NO_RATE, key="clock"))
     if extra := extra_drives(table, columns, mapping, kinematics.dof):
         survey.warnings.append(Doubt(extra, cause=OTHER_ROBOT, cure=ITS_ROBOT, key="drive-count"))
+    kept = list[Rows]()
     with ThreadPoolExecutor(1) as thread:
         digest = thread.submit(table.checksum, [channel.column for channel in columns.recorded])
-        unwrapping, kept = unwrappers(columns), list[Rows]()
-        batches = read_batches(table, columns, unwrapping)
-        for batch in ordered(survey.look, keep_batches(batches, kept, table.first_row)):
-            survey.add(batch)
-        survey.warnings += doubts_about_rounds(unwrapping, table)
-        clock = _clock(survey)
-        survey.finish(clock)
+        clock = _checked(survey, kept)
     excluded = [*(survey.search.runs() if survey.search else ()), *survey.loads.runs(clock.rate)]
     masks = () if keep_all else timed(excluded, clock)
     if need_rest:
@@ -115,6 +102,32 @@ def open_log(
         kept=Excerpt(columns, tuple(kept), whole=True) if kept else None,
     )
     return _with_cutoff_between_stops(log)
+
+
+def _needed(table: LogTable, columns: Columns, need_torque: bool) -> Columns:
+    """Columns without torques and sensors for a planned motion; refuses others without torques."""
+    if not need_torque:
+        states = columns.extra[len(columns.extra) - columns.states :]
+        return replace(columns, torque=(), extra=states, sensors=())
+    if columns.torque:
+        return columns
+    raise RecordingError(
+        f"has no torque columns; its columns are {listing(table.fields)}",
+        where=table.header_place,
+        cure=table.cure_without_torque,
+    )
+
+
+def _checked(survey: Survey, kept: list[Rows]) -> Clock:
+    """Clock of a log whose rows the survey checks, and which are added to `kept`."""
+    table, unwrapping = survey.table, unwrappers(survey.columns)
+    batches = read_batches(table, survey.columns, unwrapping)
+    for batch in ordered(survey.look, keep_batches(batches, kept, table.first_row)):
+        survey.add(batch)
+    survey.warnings += doubts_about_rounds(unwrapping, table)
+    clock = _clock(survey)
+    survey.finish(clock)
+    return clock
 
 
 def _contradicted_rate(table: LogTable, columns: Columns) -> str:

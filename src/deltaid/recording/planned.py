@@ -89,7 +89,7 @@ class PlanEnds:
         fit = np.linalg.pinv(np.vander(time, min(STIFF, count - 1) + 1, increasing=True))
         return fit[0] @ q[:count], fit[1] @ q[:count], np.linalg.norm(fit[1]) * self.noise
 
-    def rests(self, end: End, cutoff: float) -> bool:
+    def is_at_rest(self, end: End, cutoff: float) -> bool:
         """Whether no drive moves at an end."""
         _, speed, spread = self.state(end, cutoff)
         # Where the parabola through the three rows at the end reverses, the motion starts from
@@ -164,7 +164,7 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     # A plan that is too short for a spectrum counts as the fastest motion.
     judged = max(cutoff or 0.0, log.motion_cutoff or HIGHEST * log.rate)
     period = ends.period(judged) if periodic else 0
-    rests = [not periodic and ends.rests(end, judged) for end in ("first", "last")]
+    rests = [not periodic and ends.is_at_rest(end, judged) for end in ("first", "last")]
     spectra = [spectrum_of(ends.positions(rows)) for rows in _stretches(ends, period, rests)]
     motion = max([least, *(spectrum.cutoff(log.rate) or 0.0 for spectrum in spectra)])
     if not motion:

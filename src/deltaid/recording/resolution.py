@@ -119,9 +119,9 @@ def _time(table: LogTable, mapping: ColumnMapping) -> TimeChannel:
         return TimeChannel("time", 1 / rate, 0.0, is_absent=True)
     if "column" not in declared:
         name = next((default for default in TIMES if find(table.fields, default)), name)
-    found = find(table.fields, name)
+    field = find(table.fields, name)
     positions = (any(find(table.fields, name) for name in names) for names in mapping.needed[1:])
-    if found is None and "column" not in declared and all(positions):
+    if field is None and "column" not in declared and all(positions):
         raise RecordingError(
             f"has no time: no column {' or '.join(TIMES)}; its columns are {listing(table.fields)}",
             where=table.header_place,
@@ -129,7 +129,7 @@ def _time(table: LogTable, mapping: ColumnMapping) -> TimeChannel:
             "`time: {column: NAME, unit: s}`, or if there is none, give the sampling rate by the "
             "line `time: {rate: 1000}`",
         )
-    is_date = found is not None and found[0].is_clock
+    is_date = field is not None and field[0].is_clock
     if is_date and (rate is not None or ("unit" in declared and unit not in ("s", *DATES))):
         raise RecordingError(
             f"column {name} holds dates or times of day, which have no unit and no rate",

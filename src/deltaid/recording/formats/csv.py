@@ -67,12 +67,7 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
                 )
                 first_row = _after_comments(lines, first_row + 1)
         above = range(header.row + 1, first_row) if mapping.data_row is None else ()
-        marked = [
-            row
-            for row in above
-            if is_comment(lines[row])
-            and is_marked_row(lines[row], header.separator, len(header.names))
-        ]
+        marked = [row for row in above if _is_marked(lines[row], header)]
         data = lines.data(first_row, header.separator)
     if data.tag:
         warnings.append(
@@ -96,6 +91,10 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
         else "rename the columns to t, q1…, tau1… (and qd1…, qdd1… if recorded), or say which is "
         "which with --columns MAPPING.yaml, and in which row (header_row) the names are",
     )
+
+
+def _is_marked(line: bytes, header: _NameLine) -> bool:
+    return is_comment(line) and is_marked_row(line, header.separator, len(header.names))
 
 
 def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_NameLine, list[Doubt]]:

@@ -49,9 +49,9 @@ def is_hdf5(start: bytes, path: Path) -> bool:
 def open_hdf5(path: Path, mapping: ColumnMapping) -> LogTable:
     with _opened(path) as file, path.open("rb") as start:
         by_matlab = file.userblock_size >= 512 and start.read(6) == b"MATLAB"
-        found = list(islice(_contents(file, by_matlab), MOST_FIELDS))
-    places = {field.name: place for field, place in found if place}
-    fields = tuple(field for field, _ in found)
+        contents = list(islice(_contents(file, by_matlab), MOST_FIELDS))
+    places = {field.name: place for field, place in contents if place}
+    fields = tuple(field for field, _ in contents)
     return ArrayTable(path, fields, partial(_arrays, path, places, by_matlab))
 
 

@@ -34,6 +34,30 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
             cure="export the log again if there are many",
             key="clock",
         )
+    yield from _doubts_about_jitter(clock, column)
+    stands, cause, cure = stood(clock, table, column)
+    if stands:
+        yield Doubt(stands, cause=cause, cure=cure, key="clock")
+        return
+    if clock.doubled:
+        yield Doubt(
+            f"{rows_are(clock.doubled)} there twice and excluded once, the first in "
+            f"{_row(table, clock.extra)}",
+            cause="the logger ran ahead of the controller, or a packet came twice",
+            cure="nothing is lost; to avoid it, log once a cycle of the controller",
+            key="clock",
+        )
+    if clock.late:
+        yield Doubt(
+            f"{rows_are(clock.late)} late or stamped like another one, and excluded"
+            + ("" if clock.doubled else f", the first in {_row(table, clock.extra)}"),
+            cause="packets overtook one another on their way to the logger",
+            cure="log with the controller's own stamps, sorted by them",
+            key="clock",
+        )
+
+
+def _doubts_about_jitter(clock: Clock, column: str) -> Iterator[Doubt]:
     share = clock.jitter * clock.rate
     off = f"{1e3 * clock.jitter:.3g} ms rms ({100 * share:.2g} % of a step)"
     if clock.even is False:
@@ -52,25 +76,6 @@ def doubts_about_stamps(clock: Clock, table: LogTable, column: str) -> Iterator[
             cause="rows are stamped when they are written, not when they are measured",
             cure="record the controller's own time or count of cycles"
             + ("" if clock.even else "; if rows are known to be even, declare `rate:`"),
-            key="clock",
-        )
-    stands, cause, cure = stood(clock, table, column)
-    if stands:
-        yield Doubt(stands, cause=cause, cure=cure, key="clock")
-    if clock.doubled and not stands:
-        yield Doubt(
-            f"{rows_are(clock.doubled)} there twice and excluded once, the first in "
-            f"{_row(table, clock.extra)}",
-            cause="the logger ran ahead of the controller, or a packet came twice",
-            cure="nothing is lost; to avoid it, log once a cycle of the controller",
-            key="clock",
-        )
-    if (others := clock.late) and not stands:
-        yield Doubt(
-            f"{rows_are(others)} late or stamped like another one, and excluded"
-            + ("" if clock.doubled else f", the first in {_row(table, clock.extra)}"),
-            cause="packets overtook one another on their way to the logger",
-            cure="log with the controller's own stamps, sorted by them",
             key="clock",
         )
 
@@ -148,27 +153,7 @@ def doubts_about_holes(
     """
     report, sizes = clock.report(longest, shortest), clock.segments(longest)
     if report.bridged:
-        holes = clock.holes[~clock.cuts(longest)]
-        slower, *of_rate = slowed(clock, table)
-        cause, cure = (
-            of_rate
-            if slower
-            else (
-                "packets were lost on their way to the logger",
-                "nothing is to be done for a few; else log on the controller itself",
-            )
-        )
-        yield Doubt(
-            f"{slower}; "
-            * bool(slower)
-            + f"{rows_are(report.bridged)} missing in {places_of(holes.size)} "
-            f"({100 * report.bridged / clock.rows:.2g} % of the recording), the first before "
-            f"{_row(table, holes)}: bridged by the motion about them, torques there do not "
-            "count",
-            cause=cause,
-            cure=cure,
-            key="clock",
-        )
+        yield _doubt_about_bridges(clock, table, report.bridged, clock.holes[~clock.cuts(longest)])
     if report.restarts:
         seen, cause, cure = restarted(clock, table, column)
         yield Doubt(f"{seen}: a new segment begins there", cause=cause, cure=cure, key="clock")
@@ -201,6 +186,25 @@ def doubts_about_holes(
             cure="record without gaps, or take a higher --cutoff, whose filter is shorter",
             key="clock",
         )
+
+
+def _doubt_about_bridges(
+    clock: Clock, table: LogTable, bridged: int, holes: Int[np.ndarray, " holes"]
+) -> Doubt:
+    missing = (
+        f"{rows_are(bridged)} missing in {places_of(holes.size)} "
+        f"({100 * bridged / clock.rows:.2g} % of the recording), the first before "
+        f"{_row(table, holes)}: bridged by the motion about them, torques there do not count"
+    )
+    slower, cause, cure = slowed(clock, table)
+    if slower:
+        return Doubt(f"{slower}; {missing}", cause=cause, cure=cure, key="clock")
+    return Doubt(
+        missing,
+        cause="packets were lost on their way to the logger",
+        cure="nothing is to be done for a few; else log on the controller itself",
+        key="clock",
+    )
 
 
 def _row(table: LogTable, rows: Int[np.ndarray, " rows"]) -> str:
