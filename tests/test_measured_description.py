@@ -46,7 +46,7 @@ def test_a_spread_is_that_of_its_entries() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("sensors: {gauge: {kind: strut-force, strut: strut4}}", "unknown strut 'strut4'"),
+        ("sensors: {gauge: {kind: strut-force, strut: strut4}}", "has unknown strut4"),
         ("sensors: {gauge: {kind: strut-force, strut: strut1c}}", "did you mean strut1"),
         ("sensors: {gauge: {kind: joint-torque, drive: driv1}}", "did you mean drive1?"),
         ("sensors: {drive1: {kind: base-wrench}}", "sensors.drive1: is called as a joint is"),
@@ -55,7 +55,7 @@ def test_a_spread_is_that_of_its_entries() -> None:
         ("sensors: {'a b': {kind: base-wrench}}", "the name 'a b': begin with a letter"),
         ("sensors: {gauge: {kind: scale}}", "choose from 'base-wrench'"),
         ("sensors: {p: {kind: base-wrench, motor_turns: 20}}", "no drive has a rotor_inertia"),
-        ("measured: [{mass: 1, of: X, std: 0.1}]", "unknown body 'X'; choose from U, S, P"),
+        ("measured: [{mass: 1, of: X, std: 0.1}]", "has unknown X; choose from U, S, P"),
         ("measured: [{mass: 1, of: {}, std: 0.1}]", "measured[1].of names no body"),
     ],
 )
@@ -86,7 +86,7 @@ def test_what_a_body_keeps_is_not_measured(text: str, words: str) -> None:
 def test_turns_of_motors_are_of_drives_that_turn() -> None:
     text = catalogue_text("irb360-6-1600")
     for turns, words in (
-        ("{drive9: 10}", "unknown drive 'drive9'"),
+        ("{drive9: 10}", "has unknown drive9"),
         ("{drive4: 0}", "sensors.plate.motor_turns.drive4: is 0"),
         ("0", "sensors.plate.motor_turns: is 0"),
     ):

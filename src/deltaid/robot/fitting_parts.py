@@ -1,7 +1,7 @@
 """Checks that the parts of a description agree, and that its limbs reach the workspace."""
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from deltaid.errors import nearest
@@ -25,8 +25,17 @@ def require_parts_that_fit(robot: "RobotDescription") -> None:
     _check_drives(robot)
     _check_workspace(robot)
     _require_exactly("bodies", robot.bodies, robot.body_names)
-    _require_among("friction", robot.friction, robot.joints)
-    _require_among("springs", robot.springs, robot.joints)
+    for key, given, known in (
+        ("friction", robot.friction, robot.joints),
+        ("springs", robot.springs, robot.joints),
+        ("rotor_inertia", robot.rotor_inertia, robot.drives),
+        ("drive_limits", robot.drive_limits, robot.drives),
+        ("gear_stiffness", robot.gear_stiffness, robot.drives),
+        ("tolerances.lengths", robot.tolerances.lengths, LENGTHS),
+        ("tolerances.homing", robot.tolerances.homing, robot.drives),
+    ):
+        if isinstance(given, dict):
+            _require_known(key, given, known)
     for joint, spring in robot.springs.items():
         wrong = "rest_deg" if robot.is_linear(joint) else "rest"
         if getattr(spring, wrong) is not None:
@@ -35,15 +44,6 @@ def require_parts_that_fit(robot: "RobotDescription") -> None:
     for joint, law in robot.friction.items():
         if law.load is not None and joint not in robot.drives:
             raise ValueError(f"friction.{joint} has a load term, which only drives can have")
-    for key, given, known in (
-        ("rotor_inertia", robot.rotor_inertia, robot.drives),
-        ("drive_limits", robot.drive_limits, robot.drives),
-        ("gear_stiffness", robot.gear_stiffness, robot.drives),
-        ("tolerances.lengths", robot.tolerances.lengths, LENGTHS),
-        ("tolerances.homing", robot.tolerances.homing, robot.drives),
-    ):
-        if isinstance(given, dict):
-            _require_among(key, given, known)
     _check_measured(robot)
     _check_sensors(robot)
 
@@ -98,10 +98,11 @@ def _require_exactly(key: str, given: dict[str, Body], wanted: tuple[str, ...]) 
         raise ValueError(f"{key} {' and '.join(parts)}; this robot has {', '.join(wanted)}")
 
 
-def _require_among(key: str, given: Collection[str], allowed: tuple[str, ...]) -> None:
-    extra = [name for name in given if name not in allowed]
-    if extra:
-        raise ValueError(f"{key} has unknown {', '.join(extra)}; choose from {', '.join(allowed)}")
+def _require_known(key: str, given: Iterable[str], known: tuple[str, ...]) -> None:
+    if unknown := [name for name in given if name not in known]:
+        text = f"{key} has unknown {', '.join(unknown)}; choose from {', '.join(known)}"
+        hint = nearest(unknown[0], known).strip()
+        raise ValueError(f"{text}; {hint}" if hint else text)
 
 
 def open_limb(robot: "RobotDescription") -> str:
@@ -150,8 +151,7 @@ def _check_measured(robot: "RobotDescription") -> None:
         names = [placed.body for placed in measured.placed]
         if not names:
             raise ValueError(f"{where}.of names no body")
-        for name in names:
-            _require_known(f"{where}.of", "body", name, robot.body_names)
+        _require_known(f"{where}.of", names, robot.body_names)
         _check_value(where, measured, {name: robot.bodies[name] for name in names})
 
 
@@ -165,10 +165,10 @@ def _check_sensors(robot: "RobotDescription") -> None:
             count = len(robot.limb_geometry)
             struts = tuple(f"strut{i + 1}{side}" for i in range(count) for side in sides)
             if struts:
-                _require_known(f"sensors.{name}.strut", "strut", sensor.strut, struts)
+                _require_known(f"sensors.{name}.strut", [sensor.strut], struts)
         else:
             assert isinstance(sensor, JointTorque)
-            _require_known(f"sensors.{name}.drive", "drive", sensor.drive, robot.drives)
+            _require_known(f"sensors.{name}.drive", [sensor.drive], robot.drives)
 
 
 def _check_value(where: str, measured: Measured, bodies: Mapping[str, Body]) -> None:
@@ -221,21 +221,10 @@ def _check_turns(robot: "RobotDescription", name: str, sensor: BaseWrench) -> No
             "leave motor_turns out"
         )
     turns = given if isinstance(given, dict) else {"": given}
+    _require_known(where, turns if isinstance(given, dict) else (), robot.drives)
     for drive, turn in turns.items():
-        if drive:
-            _require_known(where, "drive", drive, robot.drives)
         if turn == 0:
             raise ValueError(
                 f"{f'{where}.{drive}'.rstrip('.')} is 0, but a motor turns with its drive; give "
                 "the ratio of its gear, 1 for a direct drive, or leave it out"
             )
-
-
-def _require_known(where: str, what: str, name: str, names: tuple[str, ...]) -> None:
-    if name in names:
-        return
-    hint = nearest(name, names)
-    raise ValueError(
-        f"{where} names an unknown {what} '{name[:40]}'; choose from {', '.join(names)}"
-        + (f"; {hint.strip()}" if hint else "")
-    )
