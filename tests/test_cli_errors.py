@@ -54,7 +54,7 @@ BAD = [
     ("identify sub log.csv", "sub: is a folder, not a file"),
     ("identify irb360-6-1600 log.csv", "log.csv, row 1: has no column q4, tau4"),
     ("identify clavel-delta3 missing.csv", "missing.csv: no such file"),
-    ("identify clavel-delta3 sub", "sub: is a folder, not a log"),
+    ("identify clavel-delta3 sub", "sub: is a folder, not a file"),
     ("identify clavel-delta3 nan.csv", "nan.csv, row 350: column t is 'nan'"),
     ("identify clavel-delta3 log.csv nan.csv", "nan.csv, row 350: column t is 'nan'"),
     ("identify clavel-delta3 cut.csv -o sub/new.yaml", "cut.csv, row 701: has "),

@@ -222,7 +222,7 @@ def test_the_command_takes_a_folder_of_factor_files(logs: list[Path], tmp_path: 
         assert words in refused(*command, folder=tmp_path)
     mixed = refused("identify", ROBOT, files[0], logs[2], folder=tmp_path)
     assert "is a recording, and others are factor files" in mixed
-    assert "is a folder, not a log" in refused("identify", ROBOT, tmp_path, folder=tmp_path)
+    assert "is a folder, not a file" in refused("identify", ROBOT, tmp_path, folder=tmp_path)
 
 
 def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files, tmp_path: Path) -> None:

@@ -261,7 +261,7 @@ def test_what_is_wrong_with_a_file_is_told(tmp_path, text, message):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(DescriptionError, match="cannot be read"):
+    with pytest.raises(DescriptionError, match="no such file"):
         deltaid.use_mechanism(tmp_path / "none.py")
 
 

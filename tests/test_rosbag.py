@@ -201,7 +201,7 @@ def test_folders(tmp_path: Path) -> None:
     assert "2 files" in said
     assert "ros2 bag reindex" in said
     (tmp_path / "empty").mkdir()
-    assert "is a folder, not a log" in refused(tmp_path / "empty", ["t"])
+    assert "is a folder, not a file" in refused(tmp_path / "empty", ["t"])
 
 
 def test_a_bag_without_joint_states(tmp_path: Path) -> None:

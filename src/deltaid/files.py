@@ -1,4 +1,4 @@
-"""Writing of files: each one whole or not at all, and several together or none."""
+"""Files: errors of reading, and writing of each one whole or not at all, or of several together."""
 
 import glob
 import os
@@ -14,7 +14,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TextIO
 
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, visible
 
 # Endings of names of descriptions, mappings and models.
 YAML_ENDINGS = (".yaml", ".yml")
@@ -24,6 +24,29 @@ DEVICES = r"con|prn|aux|nul|com\d|lpt\d"
 _UNFINISHED = ".part"
 # Errors for names that no file can have: too long, a link to itself, a NUL.
 _NO_PLACE = (OSError, ValueError, RuntimeError)
+
+
+@contextmanager
+def readable(path: str | Path, kind: type[DeltaidError]) -> Generator[None, None, None]:
+    """Convert errors of the operating system about a file to messages.
+
+    Raises:
+        DeltaidError: the file is missing, is a folder, or cannot be read; `kind` is its class.
+    """
+    name = visible(str(path))
+    if os.path.isdir(path):  # unlike Path.is_dir it never raises
+        cure = "give the name of a file in it"
+        raise kind("is a folder, not a file", where=name, cure=cure)
+    try:
+        if "\0" in str(path):
+            raise FileNotFoundError
+        yield
+    except FileNotFoundError:
+        raise kind("no such file", where=name, cure="check its name and folder") from None
+    except OSError as error:
+        reason = error.strerror or visible(str(error).partition("\n")[0])
+        cure = "check its name and permissions"
+        raise kind(f"cannot be read: {reason}", where=name, cure=cure) from None
 
 
 # A path as the user gave it, the resolved path, and the temporary file that will replace it.

@@ -24,7 +24,7 @@ from pydantic import ValidationError
 
 from deltaid.checksum import EMPTY, require_intact, sealed
 from deltaid.errors import DeltaidError, RecordingError
-from deltaid.files import write_bytes
+from deltaid.files import readable, write_bytes
 from deltaid.fleets.factor_record import (
     FORMAT,
     FactorGroups,
@@ -37,7 +37,7 @@ from deltaid.fleets.factor_record import (
 from deltaid.forked import require_threads
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import POLARS_ERRORS, readable
+from deltaid.recording.source import POLARS_ERRORS
 from deltaid.robot.description import RobotDescription
 
 ENDING = ".factors.parquet"
@@ -132,7 +132,7 @@ def read(path: Path) -> FactorFile:
     """
     where = str(path)
     require_threads()
-    with readable(path):
+    with readable(path, RecordingError):
         data = path.read_bytes()
     try:
         require_intact(data, where, RecordingError, _CURE)

@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from deltaid.errors import DescriptionError, quoted
+from deltaid.files import readable
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
 from deltaid.mechanism.own_checks import Checker
 from deltaid.mechanism.rotation import Path, Rotation, along
@@ -43,14 +44,10 @@ def use_mechanism(path: str | pathlib.Path) -> str:
         DescriptionError: the file cannot be read or run, or does not define the function.
     """
     path = pathlib.Path(path)
-    try:
+    with readable(path, DescriptionError):
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    try:
         function = runpy.run_path(str(path)).get(FUNCTION)
-    except OSError as error:
-        reason = error.strerror or error
-        raise DescriptionError(
-            f"cannot be read: {reason}", where=str(path), cure="check its name and permissions"
-        ) from None
     except (Exception, SystemExit) as error:  # errors of the user's code
         raise DescriptionError(
             f"fails: {failure(error, path)}",

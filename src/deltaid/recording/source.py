@@ -23,6 +23,7 @@ import numpy as np
 import polars as pl
 
 from deltaid.errors import Doubt, RecordingError, quoted, visible
+from deltaid.files import readable
 from deltaid.recording.address import Pick, RecordedField, locate
 
 Column = pl.Series | np.ndarray
@@ -155,37 +156,13 @@ def opened(path: Path) -> Generator[BufferedReader, None, None]:
     Raises:
         RecordingError: the file is missing, is no regular file, or cannot be read.
     """
-    with readable(path):
-        if path.is_dir():
-            raise RecordingError(
-                "is a folder, not a log", where=str(path), cure="give the name of a file in it"
-            )
+    with readable(path, RecordingError):
         if path.exists() and not path.is_file():
             raise RecordingError(
                 "is no regular file", where=str(path), cure="a log is read twice, so store it first"
             )
         with path.open("rb") as file:
             yield file
-
-
-@contextmanager
-def readable(path: Path) -> Generator[None, None, None]:
-    """Convert errors of the operating system about a file to a message.
-
-    Raises:
-        RecordingError: names the file.
-    """
-    try:
-        yield
-    except FileNotFoundError:
-        raise RecordingError(
-            "no such file", where=str(path), cure="check its name and folder"
-        ) from None
-    except OSError as error:
-        reason = error.strerror or first_line(error)
-        raise RecordingError(
-            f"cannot be read: {reason}", where=str(path), cure="check its name and permissions"
-        ) from None
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from deltaid.errors import RecordingError, visible
+from deltaid.errors import RecordingError
 from deltaid.forked import require_threads
 from deltaid.recording.columns import Columns
 from deltaid.recording.formats.arrays import is_npz, open_npy, open_npz
@@ -92,8 +92,6 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
         DeltaidError: the process has lost its threads (`require_threads`).
     """
     require_threads()
-    if "\0" in str(path):
-        raise RecordingError("no such file", where=visible(str(path)), cure="check its name")
     start = b""
     if not os.path.isdir(path):  # unlike Path.is_dir it never raises
         with content(path) as file:

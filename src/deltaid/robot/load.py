@@ -11,7 +11,7 @@ from typing import Annotated, Any, Protocol, TypeVar, runtime_checkable
 from pydantic import BaseModel, Field, ValidationError
 
 from deltaid.errors import DescriptionError, nearest, quoted
-from deltaid.files import written_whole
+from deltaid.files import readable, written_whole
 from deltaid.robot.complaints import complaints, require_kinds
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.fitting_parts import open_limb
@@ -242,38 +242,22 @@ def read_text(path: Path) -> str:
     Raises:
         DescriptionError: the file cannot be read, is not UTF-8, or is too large.
     """
-    data = b""
-    try:
-        if path.is_dir():
-            raise DescriptionError(
-                "is a folder, not a file",
-                where=str(path),
-                cure="give the name of a file in it",
-            )
-        with path.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
-        if len(data) > LARGEST_FILE:
-            raise DescriptionError(
-                "is too large for a description, mapping or model",
-                where=str(path),
-                cure="is it a log? the order of arguments is in --help",
-            )
-        return data.decode("utf-8-sig")
-    except FileNotFoundError:
+    with readable(path, DescriptionError), path.open("rb") as file:
+        data = file.read(LARGEST_FILE + 1)
+    if len(data) > LARGEST_FILE:
         raise DescriptionError(
-            "no such file", where=str(path), cure="check its name and folder"
-        ) from None
+            "is too large for a description, mapping or model",
+            where=str(path),
+            cure="is it a log? the order of arguments is in --help",
+        )
+    try:
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise DescriptionError(
             "is not text in UTF-8",
             where=f"{path}, line {line}",
             cure="save it as UTF-8; is it a log? the order of arguments is in --help",
-        ) from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise DescriptionError(
-            f"cannot be read: {reason}", where=str(path), cure="check its name and permissions"
         ) from None
 
 

@@ -20,9 +20,10 @@ import numpy as np
 import polars as pl
 
 from deltaid.errors import RecordingError
+from deltaid.files import readable
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, POLARS_ERRORS, LogTable, Rows, damage, readable
+from deltaid.recording.source import BATCH_ROWS, POLARS_ERRORS, LogTable, Rows, damage
 from deltaid.recording.time.counts import PER_SECOND, in_seconds, is_clock
 
 # A type of polars, whose class the run-time check of types cannot resolve.
@@ -151,7 +152,11 @@ def _decoding(path: Path) -> Generator[None, None, None]:
     end = RecordingError(f"{what}: polars cannot go on", where=str(path), cure=cure)
     try:
         os.dup2(nowhere, 2)
-        with last_words(str(end), kept), readable(path), damage(path, POLARS_ERRORS, what, cure):
+        with (
+            last_words(str(end), kept),
+            readable(path, RecordingError),
+            damage(path, POLARS_ERRORS, what, cure),
+        ):
             yield
     finally:
         os.dup2(kept, 2)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from deltaid.errors import RecordingError
+from deltaid.files import readable
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.formats.arrays import (
     DEFLATE_RATIO,
@@ -21,7 +22,7 @@ from deltaid.recording.formats.arrays import (
 )
 from deltaid.recording.formats.matlab import DEEPEST, MOST_FIELDS, matlab_object
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, LogTable, first_line, library, readable
+from deltaid.recording.source import BATCH_ROWS, LogTable, first_line, library
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # Possible places of the signature [bytes]: a user block, such as MATLAB's, may come first.
@@ -120,7 +121,7 @@ def _opened(path: Path) -> Generator[Any, None, None]:
         RecordingError: the file is missing or damaged, or h5py is not installed.
     """
     h5py = library("h5py", "an HDF5 file", path)
-    with readable(path), path.open("rb"):
+    with readable(path, RecordingError), path.open("rb"):
         pass
     try:
         with h5py.File(path, "r", rdcc_nbytes=1 << 24) as file:
