@@ -59,14 +59,12 @@ def one_or_many(*names: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
         def call(self: Any, /, *arguments: Any, **keywords: Any) -> Any:
             first = dict(zip(names, arguments, strict=False))
             given = first | {k: keywords[k] for k in names if keywords.get(k) is not None}
-            arrays = {name: _array(value, self.dof, name) for name, value in given.items()}
-            rows = {name: np.atleast_2d(array) for name, array in arrays.items()}
-            _require_alike(rows)
+            rows = dict(zip(given, as_rows(self.dof, **given), strict=True))
             require_finite(**rows)
             ordered = [*(rows[name] for name in first), *arguments[len(first) :]]
             named = {name: rows.get(name, value) for name, value in keywords.items()}
             out = method(self, *ordered, **named)  # pyright: ignore[reportCallIssue]
-            single = rows and all(array.ndim == 1 for array in arrays.values())
+            single = rows and all(np.ndim(value) == 1 for value in given.values())
             return _first(out) if single else out
 
         return call  # pyright: ignore[reportReturnType]
@@ -80,9 +78,16 @@ def as_rows(dof: int, **given: Any) -> tuple[np.ndarray, ...]:
     Raises:
         KinematicsError: as in `one_or_many`.
     """
-    rows = {name: np.atleast_2d(_array(value, dof, name)) for name, value in given.items()}
-    _require_alike(rows)
-    return tuple(rows.values())
+    arrays = {name: np.atleast_2d(_array(value, dof, name)) for name, value in given.items()}
+    first = next(iter(arrays), "")
+    for name, rows in arrays.items():
+        if len(rows) != len(arrays[first]):
+            raise KinematicsError(
+                f"has {len(rows)} samples, but {first} has {len(arrays[first])}",
+                where=name,
+                cure="give one row a sample in each of them",
+            )
+    return tuple(arrays.values())
 
 
 def numbered(**arrays: np.ndarray) -> dict[str, np.ndarray]:
@@ -115,17 +120,6 @@ def _array(value: Any, dof: int, name: str) -> np.ndarray:
             else "give one sample a row, or a single sample as a vector",
         )
     return array
-
-
-def _require_alike(given: dict[str, np.ndarray]) -> None:
-    first = next(iter(given), "")
-    for name, rows in given.items():
-        if len(rows) != len(given[first]):
-            raise KinematicsError(
-                f"has {len(rows)} samples, but {first} has {len(given[first])}",
-                where=name,
-                cure="give one row a sample in each of them",
-            )
 
 
 # Arguments that are poses. They are NaN out of reach, and so is all that follows from them.
