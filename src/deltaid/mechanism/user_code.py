@@ -24,7 +24,7 @@ from deltaid.mechanism.own_checks import Checker
 from deltaid.mechanism.rotation import Path, Rotation, along
 from deltaid.mechanism.speeds import Speed, Speeds
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.own import NamedFile, OwnMechanism, name_file, named_file
+from deltaid.robot.own import NamedFile, OwnMechanism, file_of, name_file, named_file
 
 # Values that depend on z are SX; constants may be numbers.
 Expression = ca.SX | ca.DM | np.ndarray | float
@@ -68,22 +68,6 @@ def named_path() -> pathlib.Path | None:
     """Path of the Python file that the user has named, if any."""
     file = named_file()
     return pathlib.Path(file.path) if file else None
-
-
-def file_of(own: OwnMechanism) -> NamedFile:
-    """The file of a mechanism, with its function.
-
-    Raises:
-        DescriptionError: no file has been named, or a different one.
-    """
-    file = named_file()
-    if file is None or file.sha256 != own.sha256:
-        raise DescriptionError(
-            "the Python file of this mechanism has not been named",
-            where="mechanism",
-            cure="call deltaid.use_mechanism('FILE.py') before, or use deltaid --mechanism FILE.py",
-        )
-    return file
 
 
 def failure(error: BaseException, path: str | pathlib.Path = "") -> str:
@@ -147,7 +131,7 @@ def build_own(robot: RobotDescription, own: OwnMechanism) -> Mechanism:
     """
     n = len(own.drives)
     z, q_symbols = ca.SX.sym("z", n), ca.SX.sym("q", n)
-    file = file_of(own)
+    file = file_of(own, "mechanism")
     check = Checker(f"{file.path}, {FUNCTION}(z)", z)
     parts = _called(file, z, check)
     _require(robot, own, parts, check)

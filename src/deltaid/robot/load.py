@@ -15,7 +15,7 @@ from deltaid.files import readable, written_whole
 from deltaid.robot.complaints import complaints, require_kinds
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.fitting_parts import open_limb
-from deltaid.robot.own import with_named_file
+from deltaid.robot.own import file_of
 from deltaid.robot.yaml_edit import yaml_text
 from deltaid.robot.yaml_tree import MOST_NODES, Entry, child, plain, read_tree
 
@@ -177,7 +177,8 @@ def bound(robot: RobotDescription, where: str) -> RobotDescription:
     """
     if robot.mechanism is None:
         return robot
-    return robot.changed(mechanism=with_named_file(robot.mechanism, where))
+    own = robot.mechanism.changed(sha256=file_of(robot.mechanism, where).sha256)
+    return robot.changed(mechanism=own)
 
 
 def load_yaml(path: Path, model: type[_Model]) -> _Model:

@@ -101,8 +101,8 @@ def named_file() -> NamedFile | None:
     return _named[0] if _named else None
 
 
-def with_named_file(own: OwnMechanism, where: str) -> OwnMechanism:
-    """Mechanism with the checksum of the file that the user has named.
+def file_of(own: OwnMechanism, where: str) -> NamedFile:
+    """The file of a mechanism, which the user has named.
 
     Raises:
         DescriptionError: no file has been named, or the description belongs to another one.
@@ -120,4 +120,4 @@ def with_named_file(own: OwnMechanism, where: str) -> OwnMechanism:
             where=where,
             cure="name the file that it was made with, or take mechanism.sha256 out of it",
         )
-    return own.changed(sha256=file.sha256)
+    return file
