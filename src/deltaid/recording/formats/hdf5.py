@@ -22,7 +22,7 @@ from deltaid.recording.formats.arrays import (
 )
 from deltaid.recording.formats.matlab import DEEPEST, MOST_FIELDS, matlab_object
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, LogTable, first_line, library
+from deltaid.recording.source import BATCH_ROWS, LogTable, damage, library
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # Possible places of the signature [bytes]: a user block, such as MATLAB's, may come first.
@@ -123,17 +123,13 @@ def _opened(path: Path) -> Generator[Any, None, None]:
     h5py = library("h5py", "an HDF5 file", path)
     with readable(path, RecordingError), path.open("rb"):
         pass
-    try:
-        with h5py.File(path, "r", rdcc_nbytes=1 << 24) as file:
-            yield file
-    except _DAMAGE as error:
-        reason = first_line(error)
-        cure = "copy or export it again"
-        if "filter" in reason:
-            cure = "h5repack -f GZIP=4 OLD NEW writes it with a compression that is always there"
-        raise RecordingError(
-            f"is a damaged HDF5 file, or cannot be read: {reason}", where=str(path), cure=cure
-        ) from None
+    what = "is a damaged HDF5 file, or cannot be read"
+    cure = (
+        "copy or export it again; `h5repack -f GZIP=4 OLD NEW` writes it with a compression that "
+        "is always there"
+    )
+    with damage(path, _DAMAGE, what, cure), h5py.File(path, "r", rdcc_nbytes=1 << 24) as file:
+        yield file
 
 
 def _contents(
