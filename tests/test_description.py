@@ -124,7 +124,11 @@ MISTAKES = [
     ("[0, 120, 240]", "[0, 2.094, 4.189]", "limbs: all limbs point the same way within 4.19°; azi"),
     ("[0, 120, 240]", "120", "line 6, limbs.azimuth_deg: must be a list, not 120"),
     ("centre: [0, 0, 0], mass: 1.0", "centre: [0, 0], mass: 1.0", "centre: has no entry 3"),
-    ("centre: [0, 0, 0], mass: 1.0", "centre: [0, 0, 0]", "give either mass or density"),
+    (
+        "centre: [0, 0, 0], mass: 1.0",
+        "centre: [0, 0, 0]",
+        "gives none of them: give one of mass, density",
+    ),
     ("mass: 1.0", "mass: -1.0", "line 30, bodies.P.prior.0.mass: must be greater than 0, not -1"),
     ("shape: point_mass", "shape: ball", "'ball' is no 'shape'; choose from 'hollow_cylinder'"),
     ("inner_radius: 0.036", "inner_radius: 0.36", "inner_radius: must be smaller than outer"),

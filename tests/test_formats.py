@@ -105,7 +105,7 @@ def test_wrong_addresses(tmp_path: Path, keys: dict, fragment: str) -> None:
 
 def test_the_mapping_names_its_columns_in_one_way() -> None:
     for keys in ({"unit": "rad"}, {"unit": "rad", "column": "q", "columns": ["a", "b", "c"]}):
-        with pytest.raises(ValueError, match="needs either column"):
+        with pytest.raises(ValueError, match="give one of column, columns"):
             declared(**keys)
 
 

@@ -71,7 +71,7 @@ load:
 @pytest.mark.parametrize(
     ("text", "fragment"),
     [
-        ("{mass: 1}", "line 1, load: does not say when it is held: give one of column, spans"),
+        ("{mass: 1}", "line 1, load: gives none of them: give one of column, spans"),
         ("{always: true, column: g}", "gives column and always"),
         ("{always: true, when: 1}", "load.when: lists numbers of a column"),
         ("{spans: [[3, 2]]}", "span [3, 2] does not follow"),

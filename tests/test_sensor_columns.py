@@ -199,7 +199,7 @@ def test_a_wrench_of_which_columns_are_missing_is_refused() -> None:
 
 
 def test_an_entry_of_a_mapping_has_one_spelling() -> None:
-    with pytest.raises(DescriptionError, match="needs either column or columns"):
+    with pytest.raises(DescriptionError, match="gives none of them: give one of column, columns"):
         parse("sensors:\n  plate: {unit: N}\n", ColumnMapping, where="map.yaml")
     found = parse("sensors:\n  plate: {column: w}\n  g:\n", ColumnMapping, where="map.yaml")
     assert found.sensors == {"plate": SensorColumns(column="w"), "g": None}

@@ -14,7 +14,7 @@ from deltaid.errors import RecordingError
 from deltaid.robot.body import InertiaTensor
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
-from deltaid.robot.part import Coordinate, Mass, Part, Point, Positive
+from deltaid.robot.part import Coordinate, Mass, Part, Point, Positive, require_one
 
 Time = Annotated[float, Field(ge=-1e12, le=1e12)]
 
@@ -89,10 +89,7 @@ class Load(Part):
 
     @model_validator(mode="after")
     def _check(self) -> "Load":
-        times = [key for key in ("column", "spans", "always") if getattr(self, key) is not None]
-        if len(times) != 1:
-            given = f"gives {' and '.join(times)}" if times else "does not say when it is held"
-            raise ValueError(f"{given}: give one of column, spans, always")
+        require_one(self, "column", "spans", "always")
         if self.when is not None and (self.column is None or not self.holding):
             raise ValueError("when lists numbers of a column; give both, or neither")
         if self.spans == ():

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from deltaid.errors import RecordingError
-from deltaid.robot.part import Part, Positive
+from deltaid.robot.part import Part, Positive, require_one
 
 Sign = Literal[1, -1]
 Delay = Annotated[float, Field(ge=-1, le=1)]
@@ -79,8 +79,7 @@ class _Several(Part):
 
     @model_validator(mode="after")
     def _check(self) -> "_Several":
-        if (self.column is None) == (self.columns is None):
-            raise ValueError("needs either column or columns")
+        require_one(self, "column", "columns")
         return self
 
     def names(self, count: int) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from deltaid.robot.part import (
     Positive,
     Radius,
     Vector,
+    require_one,
 )
 
 
@@ -44,8 +45,7 @@ class HollowCylinder(Part):
 
     @model_validator(mode="after")
     def _check(self) -> "HollowCylinder":
-        if (self.mass is None) == (self.density is None):
-            raise ValueError("give either mass or density")
+        require_one(self, "mass", "density")
         if self.inner_radius >= self.outer_radius:
             raise ValueError("inner_radius must be smaller than outer_radius")
         return self

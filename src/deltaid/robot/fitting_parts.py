@@ -8,6 +8,7 @@ from deltaid.errors import nearest
 from deltaid.robot.body import Body
 from deltaid.robot.limits import Box
 from deltaid.robot.measured import Measured
+from deltaid.robot.part import require_one
 from deltaid.robot.platform import RigidPlatform
 from deltaid.robot.sensors import BaseWrench, JointTorque, StrutForce
 from deltaid.robot.tolerances import LENGTHS
@@ -64,9 +65,7 @@ def _check_workspace(robot: "RobotDescription") -> None:
 
 
 def _check_drives(robot: "RobotDescription") -> None:
-    if (robot.limbs is None) == (robot.mechanism is None):
-        given = "neither is" if robot.limbs is None else "both are"
-        raise ValueError(f"give either limbs or mechanism; {given} given")
+    require_one(robot, "limbs", "mechanism")
     if robot.limbs is not None:
         wanted = 3 if isinstance(robot.platform, RigidPlatform) else 4
         if robot.limbs.count != wanted:

@@ -13,7 +13,17 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Axis, Coordinate, JointKind, Length, Part, Point, Positive, Radius
+from deltaid.robot.part import (
+    Axis,
+    Coordinate,
+    JointKind,
+    Length,
+    Part,
+    Point,
+    Positive,
+    Radius,
+    require_one,
+)
 
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 
@@ -134,10 +144,8 @@ class Limbs(Part):
                 raise ValueError(
                     f"{name} has {len(value)} entries, but azimuth_deg has {self.count} limbs"
                 )
-        _require_either("base_radius", self.base_radius, "base_points", self.base_points)
-        _require_either(
-            "platform_radius", self.platform_radius, "platform_points", self.platform_points
-        )
+        require_one(self, "base_radius", "base_points")
+        require_one(self, "platform_radius", "platform_points")
         if self.drive == "rotary" and self.upper_arm is None:
             raise ValueError("upper_arm is missing; rotary drives need its length")
         if self.drive == "linear" and self.upper_arm is not None:
@@ -225,12 +233,6 @@ def rotation(axis: Axis, angle_deg: float) -> Float[np.ndarray, "3 3"]:
     R[i, i] = R[j, j] = c
     R[i, j], R[j, i] = -s, s
     return R
-
-
-def _require_either(first: str, a: object, second: str, b: object) -> None:
-    if (a is None) == (b is None):
-        problem = "both are given" if a is not None else "neither is given"
-        raise ValueError(f"give either {first} or {second}; {problem}")
 
 
 def _of_limb(value: Any, i: int) -> Any:

@@ -7,7 +7,17 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import Field, model_validator
 
-from deltaid.robot.part import Axis, Coordinate, Mass, Part, Point, Position, Positive, Vector
+from deltaid.robot.part import (
+    Axis,
+    Coordinate,
+    Mass,
+    Part,
+    Point,
+    Position,
+    Positive,
+    Vector,
+    require_one,
+)
 
 Count = Annotated[int, Field(ge=1, le=1000)]
 
@@ -65,13 +75,9 @@ class Measured(Part):
 
     @model_validator(mode="after")
     def _check(self) -> "Measured":
-        given = [key for key in _QUANTITIES if getattr(self, key) is not None]
-        if len(given) != 1:
-            raise ValueError(
-                f"gives {' and '.join(given) or 'no value'}: give one of {', '.join(_QUANTITIES)}"
-            )
-        require_axis(given[0], self.axis, "x, y, z or a direction")
-        if given != ["inertia"] and any(self.about):
+        quantity = require_one(self, *_QUANTITIES)
+        require_axis(quantity, self.axis, "x, y, z or a direction")
+        if quantity != "inertia" and any(self.about):
             raise ValueError("about is for inertia alone")
         return self
 

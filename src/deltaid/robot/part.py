@@ -166,6 +166,19 @@ def limited(low: float, high: float, refusal: str) -> AfterValidator:
     return AfterValidator(check)
 
 
+def require_one(part: BaseModel, *names: str) -> str:
+    """Name of the only one of these keys that is given.
+
+    Raises:
+        ValueError: none of them is given, or several are.
+    """
+    given = [name for name in names if getattr(part, name) is not None]
+    if len(given) != 1:
+        what = f"gives {' and '.join(given) or 'none of them'}"
+        raise ValueError(f"{what}: give one of {', '.join(names)}")
+    return given[0]
+
+
 def _increasing(bounds: tuple[float, float]) -> tuple[float, float]:
     if bounds[0] >= bounds[1]:
         raise ValueError("must be given as [lowest, highest]")
