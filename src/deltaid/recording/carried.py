@@ -102,11 +102,14 @@ class Load(Part):
                     "it starts; list spans in order, each as [from, to] in s"
                 )
             last = end
-        for key in ("mass_tolerance", "centre", "inertia"):
-            if getattr(self, key) is not None and self.mass is None:
-                raise ValueError(f"gives {key} but no mass; give the mass too")
-        if self.inertia is not None and self.centre is None:
-            raise ValueError("gives inertia but no centre; give the centre too")
+        for key, needed in (
+            ("mass_tolerance", "mass"),
+            ("centre", "mass"),
+            ("inertia", "mass"),
+            ("inertia", "centre"),
+        ):
+            if getattr(self, key) is not None and getattr(self, needed) is None:
+                raise ValueError(f"gives {key} but no {needed}; give the {needed} too")
         if self.mass_tolerance is not None and self.mass_tolerance > 0.5 * (self.mass or np.inf):
             raise ValueError(
                 "mass_tolerance is more than half the mass; leave the mass out to have it found"

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from deltaid.robot.part import (
     AngleRange,
@@ -164,18 +164,10 @@ class DriveLimits(Part):
     )
     force: Positive | None = Field(default=None, description="largest force of a linear drive, N")
 
-    @model_validator(mode="after")
-    def _check(self) -> "DriveLimits":
-        if self._given(_ROTARY) and self._given(_LINEAR):
-            raise ValueError("has limits of a motor and of a rail; a drive is one or the other")
-        return self
-
-    def _given(self, names: tuple[str, ...]) -> list[str]:
-        return [name for name in names if getattr(self, name) is not None]
-
     def foreign(self, *, linear: bool) -> list[str]:
         """Given keys that belong to the other kind of drive."""
-        return self._given(_ROTARY if linear else _LINEAR)
+        names = _ROTARY if linear else _LINEAR
+        return [name for name in names if getattr(self, name) is not None]
 
     @property
     def range(self) -> tuple[float, float] | None:

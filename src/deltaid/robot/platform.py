@@ -73,12 +73,10 @@ class _Articulated(Part, ABC):
     def _check(self) -> "_Articulated":
         if self.ratio == 0:
             raise ValueError("ratio is zero; the tool would not turn")
-        if sorted(set(self.first)) != sorted(self.first) or not all(
-            1 <= limb <= 4 for limb in self.first
-        ):
-            raise ValueError("first must name limbs by number, 1 to 4, each once")
-        if len(self.first) != 2:
-            raise ValueError("first must name two of the four limbs; the others hold the second")
+        if len(self.first) != 2 or len({*self.first} & {1, 2, 3, 4}) != 2:
+            raise ValueError(
+                "first must name two limbs by number, 1 to 4; the others hold the second part"
+            )
         return self
 
     @property
