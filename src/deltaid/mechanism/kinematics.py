@@ -104,7 +104,7 @@ class Kinematics(Shown, Plotted):
         z is NaN where the loops do not close or a limb is in its other working mode.
         """
         solution = self._forward(q)
-        good = solution.closed & solution.in_mode
+        good = solution.on_branch
         return np.where(good[:, None], solution.z, np.nan), good
 
     def why_not(self, q: Samples) -> str:

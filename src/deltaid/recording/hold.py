@@ -38,7 +38,7 @@ _LONGEST, _PRIMES = 0.012, (2, 3, 5, 7, 11, 13, 17, 19, 23)
 # Share of rows without a step of friction, and of the rises of a phase without a jump.
 _USUAL = 0.9
 
-Stretch = tuple[np.ndarray, np.ndarray]  # row numbers, and a drive's torque in these rows
+HeldTorque = tuple[np.ndarray, np.ndarray]  # row numbers, and a drive's torque in these rows
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def _exact_period(stretches: Sequence[np.ndarray]) -> float:
     return period if np.mean(regular) > _MOST else 0.0
 
 
-def _noisy_hold(parts: Sequence[Sequence[Stretch]], longest: int) -> Hold:
+def _noisy_hold(parts: Sequence[Sequence[HeldTorque]], longest: int) -> Hold:
     """Longest hold for which torques rise at updates only."""
     primes = [k for k in _PRIMES if k <= longest]
     first = [k for k in primes if _phase(parts, k) is not None]
@@ -184,7 +184,7 @@ def _noisy_hold(parts: Sequence[Sequence[Stretch]], longest: int) -> Hold:
     return Hold(0.0)
 
 
-def _phase(parts: Sequence[Sequence[Stretch]], k: int) -> int | None:
+def _phase(parts: Sequence[Sequence[HeldTorque]], k: int) -> int | None:
     """Phase of the updates of a torque that is held for k rows; None if it is not.
 
     Both halves of a recording must have the same phase; steps of friction do not have one.
@@ -193,7 +193,7 @@ def _phase(parts: Sequence[Sequence[Stretch]], k: int) -> int | None:
     return phases.pop() if len(phases) == 1 else None
 
 
-def _phase_of(stretches: Sequence[Stretch], k: int) -> int | None:
+def _phase_of(stretches: Sequence[HeldTorque], k: int) -> int | None:
     products, squares = np.zeros(k), np.zeros(k)
     rises, count = 0.0, 0
     for numbers, tau in stretches:

@@ -26,7 +26,7 @@ from deltaid.errors import Doubt, RecordingError, quoted, visible
 from deltaid.files import readable
 from deltaid.recording.address import Pick, RecordedField, locate
 
-Column = pl.Series | np.ndarray
+ColumnValues = pl.Series | np.ndarray
 # Errors of polars for tables that it cannot read.
 POLARS_ERRORS = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
 RENAME = "rename one"  # fix of several columns with one name
@@ -52,8 +52,8 @@ class Rows:
         size: number of rows.
     """
 
-    numbers: Sequence[Column]
-    written: Sequence[Column]
+    numbers: Sequence[ColumnValues]
+    written: Sequence[ColumnValues]
 
     @property
     def size(self) -> int:

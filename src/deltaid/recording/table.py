@@ -26,7 +26,15 @@ from deltaid.recording.formats.matlab import is_matlab, open_matlab
 from deltaid.recording.formats.rosbag import open_bag
 from deltaid.recording.formats.twincat import is_scope, open_scope
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.source import BATCH_ROWS, CHUNK, Column, LogTable, Rows, content, packed_by
+from deltaid.recording.source import (
+    BATCH_ROWS,
+    CHUNK,
+    ColumnValues,
+    LogTable,
+    Rows,
+    content,
+    packed_by,
+)
 from deltaid.recording.time.counts import Unwrapper, in_seconds, unwrappers
 from deltaid.robot.part import LARGEST
 
@@ -191,7 +199,7 @@ def to_si(
     return values
 
 
-def _states(numbers: np.ndarray, written: Column) -> Float[np.ndarray, " rows"]:
+def _states(numbers: np.ndarray, written: ColumnValues) -> Float[np.ndarray, " rows"]:
     """Numbers of a state; words such as true and false become 1 and 0."""
     if not isinstance(written, pl.Series) or written.dtype != pl.String:
         return np.asarray(numbers, dtype=np.float64)

@@ -44,7 +44,7 @@ _OFF_LASTS, _OFF, _OFF_RANGE = 0.01, 0.04, 0.2
 # Share of changes that reverse the previous one above which a channel has noise: two thirds for
 # white noise, hardly any for a smooth torque.
 _NOISY = 0.2
-Rows = Float[np.ndarray, "rows dof"]
+DriveRows = Float[np.ndarray, "rows dof"]
 # Longest time between two saturated samples during which a channel counts as saturated [s]: noise
 # interrupts saturation, and the noise that remains has one sign.
 _BETWEEN = 0.003
@@ -67,7 +67,7 @@ class _Rest:
     parts: list["_Rest"] = field(default_factory=list["_Rest"])
 
 
-def _rest(q: Rows, row: int) -> _Rest:
+def _rest(q: DriveRows, row: int) -> _Rest:
     return _Rest(row, row + len(q) - 1, q.min(axis=0), q.max(axis=0))
 
 
@@ -93,7 +93,7 @@ class RestSearch:
         """Smallest change of each position [rad or m], its encoder's step; 0 without changes."""
         return np.where(np.isfinite(self._step), self._step, 0.0)
 
-    def add(self, q: Rows, torque: Rows, row: int) -> None:
+    def add(self, q: DriveRows, torque: DriveRows, row: int) -> None:
         """Add a block; `row` is the number of its first row."""
         if len(q) < self.length:
             return
@@ -137,7 +137,7 @@ class RestSearch:
     def _widest(self) -> Float[np.ndarray, " dof"]:
         return _STEPS * self.steps + _BANDS * self._band
 
-    def _parts(self, q: Rows, row: int) -> Iterator[_Rest]:
+    def _parts(self, q: DriveRows, row: int) -> Iterator[_Rest]:
         """Consecutive parts of rows that stay in the band of rest."""
         start = 0
         while start < len(q):
@@ -158,7 +158,7 @@ class RestSearch:
         steady = width <= self._widest * max(_WANDER, time)
         return bool(np.all((slow & steady) | ~moves) and moves.any())
 
-    def _add_torque(self, torque: Rows, row: int) -> None:
+    def _add_torque(self, torque: DriveRows, row: int) -> None:
         length = max(_ROWS, round(_OFF_LASTS / self.period))
         if len(torque) < length:
             return

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 
 from deltaid.errors import Doubt
 from deltaid.recording.columns import Columns
-from deltaid.recording.source import Column, LogTable, Rows
+from deltaid.recording.source import ColumnValues, LogTable, Rows
 
 # A date such as 2025-11-20T16:00:00.123456789+01:00, with a blank or T, any number of digits, with
 # or without a zone; or a time of day.
@@ -38,7 +38,7 @@ _OVERFLOWS = tuple(2.0**bits for bits in (16, 24, 32))
 _CYCLES = (2.0**8, *_OVERFLOWS)
 
 
-def is_clock(column: Column | None) -> bool:
+def is_clock(column: ColumnValues | None) -> bool:
     """Whether a column is text that begins with a date with time of day, or a time of day."""
     return (
         isinstance(column, pl.Series)
@@ -60,7 +60,7 @@ def in_seconds(pieces: Iterable[Rows]) -> Iterator[Rows]:
         yield rows
 
 
-def _ticks(numbers: Column, written: Column) -> tuple[pl.Series, float] | None:
+def _ticks(numbers: ColumnValues, written: ColumnValues) -> tuple[pl.Series, float] | None:
     """Integer ticks and ticks per second; None for numbers that float64 holds exactly."""
     if isinstance(numbers, np.ndarray) and numbers.dtype.kind in "iuM":
         numbers = pl.Series(numbers.astype("M8[ns]") if numbers.dtype.kind == "M" else numbers)
