@@ -61,8 +61,7 @@ class Regularity(Shown):
 
     def part(self, which: slice) -> "Regularity":
         """A subset of the poses."""
-        fields = (self.condition, self.determinant, self.gain, self.hold)
-        return Regularity(*(x[which] for x in fields))
+        return Regularity(*(x[which] for x in vars(self).values()))
 
 
 def passages(regular: Regularity) -> Int[np.ndarray, " passages"]:

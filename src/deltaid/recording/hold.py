@@ -101,10 +101,10 @@ def _interpolated(
     first = np.searchsorted(knots, rows, side="right") - TORQUE_SIDE
     inside = (first >= 0) & (first + 2 * TORQUE_SIDE <= len(knots))
     value, least = tau[rows], np.where(inside, weight[rows], 0.0)
-    own = knots[first[inside, None] + np.arange(2 * TORQUE_SIDE)]
-    shares = weights_at(own.astype(float), rows[inside].astype(float))
-    value[inside] = np.sum(shares * tau[own], axis=1)
-    used = np.where(shares != 0.0, weight[own], np.inf)
+    updates = knots[first[inside, None] + np.arange(2 * TORQUE_SIDE)]
+    shares = weights_at(updates.astype(float), rows[inside].astype(float))
+    value[inside] = np.sum(shares * tau[updates], axis=1)
+    used = np.where(shares != 0.0, weight[updates], np.inf)
     least[inside] = np.min(used, axis=1)
     return value, least
 

@@ -171,9 +171,9 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     def limb_bodies(self, limb: int) -> tuple[str, str]:
         """Names of the driven body and of the struts of a limb (0, 1, …)."""
-        own = "" if self.limbs is None or self.limbs.identical else str(limb + 1)
+        number = "" if self.limbs is None or self.limbs.identical else str(limb + 1)
         driven = "U" if self._drive_kinds[limb] == "rotary" else "C"
-        return f"{driven}{own}", f"S{own}"
+        return f"{driven}{number}", f"S{number}"
 
     @property
     def limb_geometry(self) -> tuple[LimbGeometry, ...]:

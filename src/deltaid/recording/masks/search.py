@@ -301,13 +301,13 @@ def _on_brakes(resting: Runs, off: Runs, short: int) -> Runs:
     their neighbours."""
     brakes = [NONE]
     for first, last in resting.tolist():
-        here = off[(off[:, 1] >= first) & (off[:, 0] <= last)]
-        here = joined(np.clip(here, first, last), short)
-        here = here[here[:, 1] - here[:, 0] >= min(short, last - first)]
-        if len(here):
-            here[0, 0] = first if here[0, 0] - first <= short else here[0, 0]
-            here[-1, 1] = last if last - here[-1, 1] <= short else here[-1, 1]
-        brakes.append(here)
+        braked = off[(off[:, 1] >= first) & (off[:, 0] <= last)]
+        braked = joined(np.clip(braked, first, last), short)
+        braked = braked[braked[:, 1] - braked[:, 0] >= min(short, last - first)]
+        if len(braked):
+            braked[0, 0] = first if braked[0, 0] - first <= short else braked[0, 0]
+            braked[-1, 1] = last if last - braked[-1, 1] <= short else braked[-1, 1]
+        brakes.append(braked)
     return np.concatenate(brakes)
 
 

@@ -78,9 +78,9 @@ class Clock:
         removed = np.concatenate([np.arange(first, last + 1) for first, last in runs])
         extra = np.union1d(self.extra, removed)
         holes = np.stack([self.holes, self.lost, self.since, self.until], axis=1)
-        there = np.append(np.delete(np.arange(self.rows), extra), self.rows)
+        remaining = np.append(np.delete(np.arange(self.rows), extra), self.rows)
         for first, last in runs:
-            after = int(there[np.searchsorted(there, last)])
+            after = int(remaining[np.searchsorted(remaining, last)])
             inside = (holes[:, 0] >= first) & (holes[:, 0] <= after)
             before = holes[inside, 1]
             lost = -1 if (before < 0).any() else last - first + 1 + before.sum()

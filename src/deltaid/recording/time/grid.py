@@ -74,11 +74,11 @@ def place(time: Times) -> Grid:
         period = float(rates[:, 0] @ rates[:, 1] / rates[:, 0].sum())
     lost = [piece.lost for piece in placed]
     kept = [rows[piece.kept] for rows, piece in zip(pieces, placed, strict=True)]
-    for here in range(1, len(placed)):
-        step = time[kept[here][0]] - time[kept[here - 1][-1]]
-        off = period * (placed[here].off[0] - placed[here - 1].off[-1])
+    for k in range(1, len(placed)):
+        step = time[kept[k][0]] - time[kept[k - 1][-1]]
+        off = period * (placed[k].off[0] - placed[k - 1].off[-1])
         missing = round((step - off) / period) - 1
-        lost[here][0] = -1 if step < 0 else max(0, missing)
+        lost[k][0] = -1 if step < 0 else max(0, missing)
     return Grid(
         period, np.concatenate(kept), np.concatenate(lost), np.concatenate([p.off for p in placed])
     )

@@ -74,14 +74,14 @@ class _Reading:
     extra: list[np.ndarray] = field(default_factory=list[np.ndarray])
     sums: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
-    def add(self, time: np.ndarray, kept: Places, lost: Places, own: range, start: int) -> None:
-        """Add the `own` rows of a block that begins with row `start`."""
-        at = np.flatnonzero((kept >= own.start) & (kept < own.stop) & (lost != 0))
+    def add(self, time: np.ndarray, kept: Places, lost: Places, inner: range, start: int) -> None:
+        """Add the `inner` rows of a block that begins with row `start`."""
+        at = np.flatnonzero((kept >= inner.start) & (kept < inner.stop) & (lost != 0))
         stamps = time[kept[at - 1]], time[kept[at]]
         self.holes.append(np.array([kept[at] + start, lost[at], *stamps]))
         excluded = np.ones(len(time), dtype=bool)
         excluded[kept] = False
-        self.extra.append(np.flatnonzero(excluded[own.start : own.stop]) + own.start + start)
+        self.extra.append(np.flatnonzero(excluded[inner.start : inner.stop]) + inner.start + start)
 
 
 class _ClockStudy:
@@ -98,29 +98,29 @@ class _ClockStudy:
 
     def add(self, block: Rows, start: int, *, last: bool) -> None:
         """Add a block, without the rows at its ends that belong to neighbouring blocks."""
-        own = range(_EDGE if start else 0, len(block) if last else len(block) - _EDGE)
+        inner = range(_EDGE if start else 0, len(block) if last else len(block) - _EDGE)
         time, wild = repaired(block[:, 0], *usual_step(block[:, 0]))
         self.first = self.first if self.rows else float(time[0])
         self.last = float(time[-1])
         if wild.any():
             block = np.column_stack([time, block[:, 1:]])
-            rows = np.flatnonzero(wild[own.start : own.stop]) + own.start + start
+            rows = np.flatnonzero(wild[inner.start : inner.stop]) + inner.start + start
             self.wild = np.append(self.wild, rows)
         doubled = _doubled(block)
-        self.doubled += int(np.count_nonzero(doubled[own.start : own.stop]))
-        self.rows += len(own)
+        self.doubled += int(np.count_nonzero(doubled[inner.start : inner.stop]))
+        self.rows += len(inner)
         single = np.flatnonzero(~doubled)
         if wild[single].all():
             wild = np.zeros_like(wild)
-        self._read_even(block, single, wild, own, start)
-        self._read_uneven(time, np.flatnonzero(~doubled & ~wild), own, start)
+        self._read_even(block, single, wild, inner, start)
+        self._read_uneven(time, np.flatnonzero(~doubled & ~wild), inner, start)
 
     def _read_even(
-        self, block: Rows, single: Places, wild: Bool[np.ndarray, " rows"], own: range, start: int
+        self, block: Rows, single: Places, wild: Bool[np.ndarray, " rows"], inner: range, start: int
     ) -> None:
         time = block[:, 0]
         if not np.ptp(time[single]) > 0:  # time stands
-            self.even.add(time, single[:1], np.zeros(1, dtype=int), own, start)
+            self.even.add(time, single[:1], np.zeros(1, dtype=int), inner, start)
             return
         grid = place(time[single])
         kept = single[grid.kept]
@@ -132,15 +132,15 @@ class _ClockStudy:
         if wild.any():
             grid = grid.without(wild[kept])
             kept = single[grid.kept]
-        self.even.add(time, kept, grid.lost, own, start)
-        inside = (kept >= own.start) & (kept < own.stop)
+        self.even.add(time, kept, grid.lost, inner, start)
+        inside = (kept >= inner.start) & (kept < inner.stop)
         off = grid.period * grid.off[inside]
         if off.size:
             self.even.sums += off.size, off.size * grid.period, off.size * np.var(off)
         index = np.cumsum(1 + np.maximum(grid.lost, 0)).astype(float)
         self._compare(index, time[kept] / grid.period, block[kept, 1 : 1 + self.dof], inside)
 
-    def _read_uneven(self, time: np.ndarray, single: Places, own: range, start: int) -> None:
+    def _read_uneven(self, time: np.ndarray, single: Places, inner: range, start: int) -> None:
         again = far_steps(time[single], usual_step(time[single])[0], 1.0)
         again = again[time[single[again]] < time[single[again - 1]]]
         later = [rows[are_later(time[rows])] for rows in np.split(single, again)]
@@ -152,8 +152,8 @@ class _ClockStudy:
         restarts = np.cumsum([len(rows) for rows in later[:-1]], dtype=int)
         lost[restarts] = -1
         far[restarts] = True
-        self.uneven.add(time, kept, lost, own, start)
-        near = steps[(kept >= max(own.start, 1)) & (kept < own.stop) & ~far]
+        self.uneven.add(time, kept, lost, inner, start)
+        near = steps[(kept >= max(inner.start, 1)) & (kept < inner.stop) & ~far]
         if near.size:
             self.uneven.sums += near.size, near.sum(), near.size * np.var(near) / 2
 
@@ -162,7 +162,7 @@ class _ClockStudy:
         index: Float[np.ndarray, " kept"],
         time: Float[np.ndarray, " kept"],
         q: Float[np.ndarray, "kept dof"],
-        own: Bool[np.ndarray, " kept"],
+        inner: Bool[np.ndarray, " kept"],
     ) -> None:
         """Add the roughness of positions over the grid and over the stamps [periods]."""
         steps = np.diff(time)
@@ -171,7 +171,7 @@ class _ClockStudy:
             return
         close = [np.abs(index[4:] - index[:-4]) < 7, np.abs(time[4:] - time[:-4]) < 10]
         nearest = np.minimum.reduce([steps[k : len(steps) - 3 + k] for k in range(4)])
-        inside = own[2:-2] & close[0] & close[1] & (nearest > 0.05)
+        inside = inner[2:-2] & close[0] & close[1] & (nearest > 0.05)
         grid, stamps = (np.abs(_roughness(x, q)[inside]).sum(axis=0) for x in (index, time))
         self.by_grid += grid
         self.by_stamps += stamps
