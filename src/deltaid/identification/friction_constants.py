@@ -120,7 +120,7 @@ def _refined(rows: FrictionRows, laws: Mapping[str, Friction], usual: Collection
         if law is not None and getattr(described, term.kind) is None:
             units = {"load": 1.0, "power": term.size}  # about as large as Coulomb's friction
             size = max(abs(value), _SMALL * units.get(term.kind, law.coulomb))
-            prior = {"offset": size} if term.signed else term.in_law(size)
+            prior = {"offset": size} if term.parameter.signed else term.in_law(size)
             current[term.joint] = law.changed(**prior)
     return Refined(current, residual)
 

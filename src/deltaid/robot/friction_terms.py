@@ -118,11 +118,6 @@ class FrictionTerm(ABC):
         """Name of the coefficient, such as 'viscous.drive1'."""
         return self.parameter.name
 
-    @property
-    def signed(self) -> bool:
-        """Whether the coefficient may be negative."""
-        return self.low < 0
-
 
 class _Viscous(FrictionTerm):
     kind, continuous, has_back, unit_form = "viscous", True, True, "{force} s/{coordinate}"
