@@ -17,6 +17,8 @@ HIGHEST = 0.1
 LOWEST_CUTOFF = 2.0
 # Outputs per row of a matrix product, and numbers per product, which fit into the cache.
 _OUTPUTS, _CHUNK = 16, 1 << 17
+# Decimation from which pieces are faster than a banded matrix.
+_SPARSE = 8
 # Samples per segment of a spectrum.
 SEGMENT = 4096
 # Least ratio of a motion's power to that of the noise: 20 dB; and ratio of noise by an encoder's
@@ -45,27 +47,40 @@ def convolve(
     """Convolve each channel with several filters of equal length, as `apply` does with one.
 
     Neighbouring outputs of all filters are a banded matrix times the samples that they depend on.
-    Such matrix products are an order of magnitude faster than a loop over taps.
+    Such matrix products are an order of magnitude faster than a loop over taps. At a high
+    decimation, samples are cut into pieces of `decimation` samples instead.
     """
     filters, length = taps.shape
     if length == 1:
         return taps[:, :, None] * x[:, ::decimation]
+    if decimation >= _SPARSE:
+        return _sparse(taps, x, decimation)
     channels, samples = x.shape
     kept = max(0, -(-(samples - length + 1) // decimation))
     if not channels or not kept:
         return np.zeros((filters, channels, kept))
-    span, step = (_OUTPUTS - 1) * decimation + length, _OUTPUTS * decimation
-    band, blocks = _band(taps, decimation, span), -(-kept // _OUTPUTS)
-    short = max(0, (blocks - 1) * step + span - samples)  # of the last block
-    x = np.concatenate([x, np.zeros((channels, short))], axis=1)
-    under = np.lib.stride_tricks.sliding_window_view(x, span, axis=1)[:, ::step]
-    out = np.empty((filters, channels, blocks, _OUTPUTS))
-    at_once = max(1, _CHUNK // (channels * span))
-    for start in range(0, blocks, at_once):
-        part = np.ascontiguousarray(under[:, start : start + at_once])
-        product = (part.reshape(-1, span) @ band).reshape(channels, -1, filters, _OUTPUTS)
-        out[:, :, start : start + at_once] = product.transpose(2, 0, 1, 3)
-    return out.reshape(filters, channels, -1)[:, :, :kept]
+    span = (_OUTPUTS - 1) * decimation + length
+    band = _band(taps, decimation, span)
+    step = _OUTPUTS * decimation
+    blocks = -(-kept // _OUTPUTS)
+    padded = np.zeros((channels, span))  # samples of the last block
+    end = x[:, (blocks - 1) * step :]
+    padded[:, : min(end.shape[1], span)] = end[:, :span]
+    out = np.empty((filters, channels, blocks * _OUTPUTS))
+
+    def fill(start: int, under: Float[np.ndarray, "channels blocks span"]) -> None:
+        product = np.ascontiguousarray(under).reshape(-1, span) @ band
+        shaped = product.reshape(channels, -1, filters, _OUTPUTS).transpose(2, 0, 1, 3)
+        width = under.shape[1] * _OUTPUTS
+        out[:, :, start * _OUTPUTS :][:, :, :width] = shaped.reshape(filters, channels, width)
+
+    if blocks > 1:
+        under = np.lib.stride_tricks.sliding_window_view(x, span, axis=1)[:, ::step]
+        at_once = max(1, _CHUNK // (channels * span))
+        for start in range(0, blocks - 1, at_once):
+            fill(start, under[:, start : min(start + at_once, blocks - 1)])
+    fill(blocks - 1, padded[:, None])
+    return out[:, :, :kept]
 
 
 def _band(
@@ -77,6 +92,34 @@ def _band(
     column = np.arange(_OUTPUTS)
     band[column * decimation + np.arange(length)[:, None], :, column] = taps[:, ::-1].T[:, None]
     return band.reshape(span, -1)
+
+
+def _sparse(
+    taps: Float[np.ndarray, "filters taps"],
+    x: Float[np.ndarray, "channels samples"],
+    decimation: int,
+) -> Float[np.ndarray, "filters channels kept"]:
+    """Outputs y_k = Σ_j h_jᵀ x_{k+j}, with pieces x_m of `decimation` samples and h_j of taps."""
+    filters, length = taps.shape
+    channels, samples = x.shape
+    kept, pieces = max(0, -(-(samples - length + 1) // decimation)), -(-length // decimation)
+    h = np.zeros((filters, pieces * decimation))
+    h[:, :length] = taps[:, ::-1]
+    h = h.reshape(filters * pieces, decimation)
+    out = np.zeros((filters, channels, kept))
+    count = kept + pieces - 1
+    whole = min(count, samples // decimation)
+    products = np.empty((channels, len(h), count))
+    cut = x[:, : whole * decimation].reshape(channels, whole, decimation)
+    np.matmul(h, cut.swapaxes(1, 2), out=products[:, :, :whole])
+    if whole < count:  # the filter ends within the last piece
+        last = np.zeros((channels, decimation))
+        last[:, : samples - whole * decimation] = x[:, whole * decimation : count * decimation]
+        products[:, :, whole] = last @ h.T
+    for k in range(filters):
+        for j in range(pieces):
+            out[k] += products[:, k * pieces + j, j : j + kept]
+    return out
 
 
 @dataclass(frozen=True, eq=False)
