@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from deltaid.fleets.place import Place
 from deltaid.fleets.site.site import write_site
 
 Names = list[str]
@@ -68,7 +69,7 @@ def write(folder: Path) -> Path:
     """The site of the tables in a folder; its first page."""
     tables = {path.stem: pl.read_parquet(path) for path in folder.glob("*.parquet")}
     quarantine = pl.read_csv(folder / "quarantine.csv", infer_schema=False)
-    write_site({**tables, "quarantine": quarantine}, folder / "site", folder.name)
+    write_site({**tables, "quarantine": quarantine}, Place.named(folder))
     return folder / "site" / "index.html"
 
 

@@ -6,7 +6,6 @@ from contextlib import ExitStack
 from dataclasses import astuple, dataclass, fields
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import polars as pl
@@ -179,18 +178,8 @@ def _run(call: Call, drift: DriftSettings) -> FleetRun:
     tables = _write(call, finished, results)
     if finished.site:
         call.say("writing the site")
-        _write_pages(call.place, tables)
+        write_site(tables, call.place)
     return finished
-
-
-def _write_pages(place: Place, tables: Mapping[str, pl.DataFrame]) -> None:
-    if place.is_local:
-        write_site(tables, Path(place.root) / SITE, place.name)
-        return
-    with TemporaryDirectory(prefix="deltaid-") as folder:
-        write_site(tables, Path(folder), place.name)
-        for page in sorted(page for page in Path(folder).rglob("*") if page.is_file()):
-            place.write(f"{SITE}/{page.relative_to(folder).as_posix()}", page.read_bytes())
 
 
 def _quarantine(

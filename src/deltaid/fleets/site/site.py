@@ -6,13 +6,14 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from urllib.parse import quote
 
 import polars as pl
 from plotly.offline import get_plotlyjs
 
-from deltaid.files import DEVICES, together, written_whole
+from deltaid.files import DEVICES, together
+from deltaid.fleets.place import Place
 from deltaid.fleets.site.parts import (
     LIKE,
     MAIN,
@@ -43,24 +44,23 @@ SITE, ROBOTS, TYPES = "site", "robots", "types"
 _UP = "../"
 
 
-def write_site(tables: Mapping[str, pl.DataFrame], site: Path, name: str) -> None:
-    """Write the site of a fleet into a folder.
+def write_site(tables: Mapping[str, pl.DataFrame], place: Place) -> None:
+    """Write the site of a fleet into the folder `SITE` of the fleet's folder.
 
-    Pages of robots that the tables no longer have are removed. Either all pages are of this call,
-    or none is.
+    Pages of robots that the tables no longer have are removed. On this machine either all pages
+    are of this call, or none is.
 
     Raises:
         DeltaidError: a page cannot be written.
     """
-    written = set[Path]()
+    written = set[str]()
     with together():
-        for place, text in _pages(with_spreads(tables), f"Fleet {name}"):
-            with written_whole(site / place) as file:
-                file.write(text)
-            written.add(site / place)
+        for page, text in _pages(with_spreads(tables), f"Fleet {place.name}"):
+            place.write(f"{SITE}/{page}", text.encode())
+            written.add(f"{SITE}/{page}")
     for folder in (ROBOTS, TYPES):
-        for page in {*(site / folder).glob("*.html")} - written:
-            page.unlink(missing_ok=True)
+        there = place.listing(f"{SITE}/{folder}").keys() - written
+        place.remove(page for page in there if page.endswith(".html"))
 
 
 def _pages(tables: Tables, title: str) -> Iterable[tuple[str, str]]:
