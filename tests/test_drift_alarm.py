@@ -17,13 +17,12 @@ from deltaid.fleets.drift_evidence import (
     YEAR,
     ChangeEvidence,
     Changes,
-    DailyScatter,
     evidence,
     first_prior,
-    whitened_sums,
     with_others,
 )
 from deltaid.fleets.drift_findings import DriftSettings, finding
+from deltaid.fleets.drift_scatter import DailyScatter, whitened_sums
 from deltaid.fleets.drift_series import Explained, Regressors, explained
 from deltaid.fleets.robot_drift import tool_changes
 

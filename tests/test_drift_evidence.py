@@ -13,14 +13,13 @@ from deltaid.fleets.drift_evidence import (
     MONTH,
     SIZE,
     Changes,
-    DailyScatter,
     _moments,
     evidence,
     first_prior,
-    whitened_sums,
     with_others,
 )
 from deltaid.fleets.drift_findings import DriftSettings, finding
+from deltaid.fleets.drift_scatter import USUAL_SCATTER, DailyScatter, whitened_sums
 from deltaid.fleets.drift_series import Regressors, _slow, explained, inflation
 from deltaid.fleets.robot_drift import tool_changes
 
@@ -55,12 +54,13 @@ def test_white_columns_have_the_sums_of_generalised_least_squares() -> None:
             there = np.isfinite(variance[s])
             V = _covariance(DAYS[there], variance[s][there], scatter.memory[k], scatter.share[k])
             X, H = base[s][there], changes.columns[there]
-            np.testing.assert_allclose(found.base[k, s], X.T @ np.linalg.solve(V, X), rtol=1e-9)
+            products = X.T @ np.linalg.solve(V, np.hstack([X, H]))
+            np.testing.assert_allclose(found.products[k, s], products, rtol=1e-8, atol=1e-9)
             np.testing.assert_allclose(
-                found.cross[k, s], X.T @ np.linalg.solve(V, H), rtol=1e-8, atol=1e-9
-            )
-            np.testing.assert_allclose(
-                found.own[k, s], np.sum(H * np.linalg.solve(V, H), axis=0), rtol=1e-8, atol=1e-12
+                found.squares[k, s],
+                np.sum(H * np.linalg.solve(V, H), axis=0),
+                rtol=1e-8,
+                atol=1e-12,
             )
             np.testing.assert_allclose(found.log_det[k, s], np.linalg.slogdet(V)[1], rtol=1e-9)
             assert found.count[s] == there.sum()
@@ -294,8 +294,7 @@ def test_a_tool_change_has_its_day_and_mass() -> None:
 
 
 def test_what_is_known_before_is_that_of_the_grid() -> None:
-    scatter = DailyScatter.grid()
-    prior = first_prior(np.array([np.inf, 2.0]), scatter, 3)
+    prior = first_prior(np.array([np.inf, 2.0]), USUAL_SCATTER, 3)
     np.testing.assert_allclose(np.exp(prior.log_kinds).sum(axis=0), 1.0)
     np.testing.assert_array_equal(prior.precision[0], np.diag([0.0, 0.25]))
 

@@ -25,15 +25,6 @@ no more false alarms in these than in a year.
 **Drives of a robot** are similar and share their surroundings: temperature dependence and daily
 scatter of friction are nearly the same, so the other drives determine the prior of a drive.
 Coefficients of a drifting drive are averaged over models with and without a change.
-
-**Scatter** from day to day is AR(1) noise plus white noise: the residual of y_t after all
-regressors,
-
-    u_t = w_t + e_t,   cov(w_s, w_t) = σ² ρ exp(−|t − s| / T),   var(e_t) = σ² (1 − ρ) v_t,
-
-has the memory T, the share ρ of AR(1) noise, and σ. A Kalman filter subtracts its prediction from
-every column; the innovations are white, and sums of their products are all that a fit of any
-combination of columns needs.
 """
 
 from dataclasses import dataclass, replace
@@ -43,97 +34,7 @@ from jaxtyping import Float
 from scipy.linalg import inv
 from scipy.special import logsumexp, stdtr
 
-# Candidate memories [days] and shares of AR(1) noise with prior weights: long memories and large
-# shares are rare. A share of zero has the weight of a small one.
-MEMORIES = {2.0: 1.0, 5.0: 1.0, 12.0: 0.15, 30.0: 0.03}
-SHARES = {0.15: 1.0, 0.35: 0.6, 0.6: 0.3, 0.85: 0.1}
-# Rows multiplied at once.
-_AT_ONCE = 16
-
-
-@dataclass(frozen=True, eq=False)
-class DailyScatter:
-    """Kinds of scatter: memory T [days], share ρ, and prior probability."""
-
-    memory: Float[np.ndarray, " kinds"]
-    share: Float[np.ndarray, " kinds"]
-    usual: Float[np.ndarray, " kinds"]
-
-    @classmethod
-    def grid(cls) -> "DailyScatter":
-        """White noise, and all of the grid."""
-        kinds = [(T, share, a * b) for T, a in MEMORIES.items() for share, b in SHARES.items()]
-        memory, share, usual = np.array([(1.0, 0.0, sum(MEMORIES.values())), *kinds]).T
-        return cls(memory, share, usual / usual.sum())
-
-
-@dataclass(frozen=True, eq=False)
-class Sums:
-    """Products of white columns, for every kind of scatter and every series.
-
-    Attributes:
-        base: of regressors, the series last.
-        cross: of these with alternatives.
-        own: of each alternative with itself.
-        log_det: logarithm of the determinant of the scatter's covariance for σ = 1.
-        count: recordings of each series.
-    """
-
-    base: Float[np.ndarray, "kinds series base base"]
-    cross: Float[np.ndarray, "kinds series base alternatives"]
-    own: Float[np.ndarray, "kinds series alternatives"]
-    log_det: Float[np.ndarray, "kinds series"]
-    count: Float[np.ndarray, " series"]
-
-
-def whitened_sums(
-    days: Float[np.ndarray, " n"],
-    variance: Float[np.ndarray, "series n"],
-    base: Float[np.ndarray, "series n base"],
-    alternatives: Float[np.ndarray, "n alternatives"],
-    scatter: DailyScatter,
-) -> Sums:
-    """Sums over time of products of white columns.
-
-    Args:
-        days: of recordings, ascending [days].
-        variance: v_t; infinite where a series has no recording.
-        base: regressors, the series last; finite everywhere.
-        alternatives: columns of possible changes.
-    """
-    kinds, (series, n, width) = len(scatter.share), base.shape
-    share, memory = scatter.share[:, None], scatter.memory[:, None]
-    forget = np.exp(-np.diff(days, prepend=days[:1]) / memory)
-    known, count = np.isfinite(variance), alternatives.shape[1]
-    columns = np.concatenate([base, np.broadcast_to(alternatives, (series, n, count))], axis=2)
-    P = np.broadcast_to(share, (kinds, series)).copy()
-    foretold, white = (np.zeros((kinds, series, *m, width + count)) for m in ((), (_AT_ONCE,)))
-    products = np.zeros((kinds, series, width, width + count))
-    squares, log_det = np.zeros((kinds, series, count)), np.zeros((kinds, series))
-    for t in range(n):
-        a = forget[:, t, None]
-        if t:
-            P = a**2 * P + share * (1.0 - a**2)
-            foretold *= a[..., None]
-        S = P + (1.0 - share) * np.where(known[:, t], variance[:, t], 1.0)
-        gain, weight = np.where(known[:, t], P / S, 0.0), known[:, t] / np.sqrt(S)
-        new, k = columns[:, t] - foretold, t % _AT_ONCE
-        white[:, :, k] = weight[..., None] * new
-        log_det += np.where(known[:, t], np.log(S), 0.0)
-        foretold += gain[..., None] * new
-        P = P * (1.0 - gain)
-        if k == _AT_ONCE - 1 or t == n - 1:
-            some = white[:, :, : k + 1]
-            products += some[..., :width].swapaxes(2, 3) @ some
-            squares += np.einsum("ksta,ksta->ksa", some[..., width:], some[..., width:])
-    return Sums(
-        base=products[..., :width],
-        cross=products[..., width:],
-        own=squares,
-        log_det=log_det,
-        count=known.sum(axis=1).astype(float),
-    )
-
+from deltaid.fleets.drift_scatter import DailyScatter, WhiteSums
 
 # Prior of σ: degrees of freedom, and size [%].
 FREEDOM, SIZE = 4.0, 1.0
@@ -262,23 +163,22 @@ class ChangeEvidence:
 
 
 def evidence(
-    sums: Sums, changes: Changes, prior: Prior, freedom: float = FREEDOM
+    sums: WhiteSums, changes: Changes, prior: Prior, freedom: float = FREEDOM
 ) -> ChangeEvidence:
     """Evidence of all changes, with the prior degrees of freedom of σ."""
     p, nu = prior.mean.shape[1], np.maximum(freedom + sums.count - 1.0, 1.0)
-    X = sums.base[..., :p, :p]
-    A = X + prior.precision
+    X, b, C = np.split(sums.products[..., :p, :], [p, p + 1], axis=-1)
+    b, A = b[..., 0], X + prior.precision
     # Series minus their prior mean.
-    b, C = sums.base[..., :p, p], sums.cross[..., :p, :]
     centred = b - np.einsum("kspq,sq->ksp", X, prior.mean)
-    yy = sums.base[..., p, p] - np.einsum("ksp,sp->ks", b + centred, prior.mean)
+    yy = sums.products[..., p, p] - np.einsum("ksp,sp->ks", b + centred, prior.mean)
     inverse = inv(A, assume_a="pos")
     shift = np.einsum("kspq,ksq->ksp", inverse, centred)
     plain, per_size = shift + prior.mean, inverse @ C
     r = freedom * SIZE**2 + yy - np.einsum("ksp,ksp->ks", centred, shift)
     r = np.maximum(r, 1e-12)
-    a = sums.own - np.einsum("kspa,kspa->ksa", C, per_size)
-    c = sums.cross[..., p, :] - np.einsum("kspa,ksp->ksa", C, plain)
+    a = sums.squares - np.einsum("kspa,kspa->ksa", C, per_size)
+    c = sums.products[..., p, p + 1 :] - np.einsum("kspa,ksp->ksa", C, plain)
     log_none = prior.log_kinds - 0.5 * (sums.log_det + np.linalg.slogdet(A)[1] + nu * np.log(r))
     a_known = np.maximum(a, 0.0) + changes.scale**-2.0
     rest = np.maximum(r[..., None] - c**2 / a_known, 1e-12)

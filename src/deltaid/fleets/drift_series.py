@@ -19,12 +19,11 @@ from deltaid.fleets.drift_evidence import (
     YEAR,
     ChangeEvidence,
     Changes,
-    DailyScatter,
     evidence,
     first_prior,
-    whitened_sums,
     with_others,
 )
+from deltaid.fleets.drift_scatter import USUAL_SCATTER, whitened_sums
 from deltaid.levels import SURE
 
 # Prior standard deviations of coefficients in units of σ (about 1 %): temperature [1/K], its square
@@ -174,9 +173,8 @@ def evidence_of(
     """
     variance = np.where(np.isfinite(z), variance * inflation(z, X[..., 1:]), np.inf)
     base = np.concatenate([X, np.nan_to_num(z)[..., None]], axis=2)
-    scatter = DailyScatter.grid()
-    sums = whitened_sums(days, variance, base, changes.columns, scatter)
-    prior = first_prior(scale, scatter, len(z))
+    sums = whitened_sums(days, variance, base, changes.columns, USUAL_SCATTER)
+    prior = first_prior(scale, USUAL_SCATTER, len(z))
     result = evidence(sums, changes, prior)
     if drives > 1:
         prior = with_others(result, changes, prior, unlike, drives)
