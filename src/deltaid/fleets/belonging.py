@@ -205,7 +205,7 @@ def fit_members(
     fitted = Sorted.fitted_to(coordinates, freedom, replace(rows, counts=counts))
     visited = list[bytes]()
     while True:  # until a set of robots repeats
-        excluded = [fitted.against_others(k, coordinates.worn) for k in robots]
+        excluded = [fitted.against_others(k, coordinates.free_friction) for k in robots]
         chances = np.array([chance(robot, coordinates, fitted.mean.m) for robot in excluded])
         fitted, counts = replace(fitted, chances=chances), counts.copy()
         counts[:count] = _belonging(chances, excluded, CHANCE, first=not visited)
@@ -225,7 +225,7 @@ def _one_by_one(fitted: Sorted) -> Sorted:
         for k in range(count):
             others = replace(rows, counts=rows.counts & (np.arange(len(rows.H)) != k))
             without = Sorted.fitted_to(coordinates, fitted.freedom, others)
-            robot = without.against_others(k, coordinates.worn)
+            robot = without.against_others(k, coordinates.free_friction)
             chances[k] = chance(robot, coordinates, without.mean.m)
         inside = np.flatnonzero(rows.counts[:count])
         worst = inside[np.argmin(chances[inside])]
@@ -235,20 +235,20 @@ def _one_by_one(fitted: Sorted) -> Sorted:
 
 
 def _belonging(
-    chances: np.ndarray, robots: Sequence[AgainstOthers], naming: float, *, first: bool
+    chances: np.ndarray, robots: Sequence[AgainstOthers], least: float, *, first: bool
 ) -> np.ndarray:
     """Mark robots for the next fit. The spreads of the core are too small, so distances are first
     scaled to their expected median."""
     if not first:
-        return chances >= naming
+        return chances >= least
     ratio = [robot.distance / chdtri(max(robot.rows, 1), 0.5) for robot in robots]
     scale = max(float(np.median(ratio)), 1.0)
-    return np.array([x.chance(x.distance / scale, x.rows) for x in robots]) >= naming
+    return np.array([x.chance(x.distance / scale, x.rows) for x in robots]) >= least
 
 
 def _core(rows: RobotRows, coordinates: Coordinates) -> np.ndarray:
     """Mark the half of the robots that is nearest to a robust mean."""
-    free = replace(rows, extra=rows.extra + coordinates.worn)
+    free = replace(rows, extra=rows.extra + coordinates.free_friction)
     A, c, _ = free.whitened(prior_spreads(coordinates).variance())
     weights, size = np.ones(len(A)), np.sum(np.any(A != 0, axis=2), axis=1)
     distance = np.zeros(len(A))

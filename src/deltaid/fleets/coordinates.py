@@ -64,7 +64,7 @@ class Coordinates:
         cls, robot: RobotDescription, members: Sequence[TypeMember], settings: Settings
     ) -> "Coordinates":
         names = parameter_layout(robot).names
-        shown = {name for member in members for name in member.shown}
+        shown = {name for member in members for name in member.visible}
         visible = np.array([i for i, name in enumerate(names) if name in shown], dtype=int)
         reduction = build_reduction(robot, visible, (), settings.prior_spread)
         reduction = replace(reduction, widened=_widened(members))
@@ -122,7 +122,7 @@ class Coordinates:
         return np.isin([*self.kinds, *self.quantities], FRICTION)
 
     @property
-    def worn(self) -> U:
+    def free_friction(self) -> U:
         """Variances with free friction, zero otherwise."""
         return np.where(self.is_friction, ANYTHING, 0.0)
 

@@ -216,14 +216,14 @@ def with_others(
     alone: ChangeEvidence,
     changes: Changes,
     prior: Prior,
-    unlike: Float[np.ndarray, " regressors"],
+    between_drives: Float[np.ndarray, " regressors"],
     drives: int,
 ) -> Prior:
     """Prior of each drive from the other drives of its robot.
 
     Args:
         alone: evidence of each drive by itself, with `prior`.
-        unlike: standard deviation between drives of one robot; infinite for independent ones.
+        between_drives: standard deviation between drives of one robot; infinite if independent.
         drives: number of consecutive series of one robot.
     """
     changed = _A_YEAR * alone.R / (1.0 + _A_YEAR * alone.R)
@@ -234,11 +234,11 @@ def with_others(
     others = (by_robot.sum(axis=2, keepdims=True) - by_robot).reshape(kinds.shape)
     log = prior.log_kinds + _TOGETHER * others
     mean, covariance = _moments(alone, changed)
-    common = np.flatnonzero(np.isfinite(unlike))
+    common = np.flatnonzero(np.isfinite(between_drives))
     prior = replace(prior, log_kinds=log - logsumexp(log, axis=0))
     if not common.size:
         return prior
-    spread = np.diag(unlike[common] ** 2)
+    spread = np.diag(between_drives[common] ** 2)
     grid = np.ix_(np.arange(len(mean)), common, common)
     W = inv(covariance[grid] + spread, assume_a="pos")
     W = W.reshape(-1, drives, len(common), len(common))

@@ -30,10 +30,10 @@ from deltaid.levels import SURE
 # [1/K²], the heaviest load, seasons without a known temperature, and a step at a tool change. The
 # next line has the deviations of the first two between drives of one robot.
 _TEMPERATURE, _CURVE, _LOAD, _SEASON, _TOOL = 1.5, 0.02, 10.0, 6.0, 0.4
-_UNLIKE_TEMPERATURE, _UNLIKE_CURVE = 0.2, 0.003
+_BETWEEN_TEMPERATURE, _BETWEEN_CURVE = 0.2, 0.003
 # Daily errors of a sensor make the slope too small, so the slope of temperature over weeks may
 # differ: prior deviation of the difference, and its deviation between drives [1/K].
-_SLOW, _UNLIKE_SLOW = 0.4, 0.02
+_SLOW, _BETWEEN_SLOW = 0.4, 0.02
 # Prior standard deviation of an unknown level.
 FLAT = 1e4
 # Outliers: neighbours on each side, least deviation [%].
@@ -48,14 +48,14 @@ class Regressors:
 
     Attributes:
         scale: prior standard deviations of coefficients, in units of σ.
-        unlike: the same between drives of one robot; infinite for independent coefficients.
+        between_drives: the same between drives of one robot; infinite for independent coefficients.
         unknown: standard deviation caused by missing values of a column [%].
     """
 
     names: tuple[str, ...]
     columns: Float[np.ndarray, "n regressors"]
     scale: Float[np.ndarray, " regressors"]
-    unlike: Float[np.ndarray, " regressors"]
+    between_drives: Float[np.ndarray, " regressors"]
     unknown: Float[np.ndarray, " n"]
 
     @classmethod
@@ -79,9 +79,9 @@ class Regressors:
             T = np.where(known, temperature - temperature[known].mean(), 0.0)
             unknown[~known] = _TEMPERATURE * SIZE * temperature[known].std()
             rows += [
-                ("temperature", T, _TEMPERATURE, _UNLIKE_TEMPERATURE),
-                ("temperature²", T**2, _CURVE, _UNLIKE_CURVE),
-                ("slow temperature", _slow(days, T, known), _SLOW, _UNLIKE_SLOW),
+                ("temperature", T, _TEMPERATURE, _BETWEEN_TEMPERATURE),
+                ("temperature²", T**2, _CURVE, _BETWEEN_CURVE),
+                ("slow temperature", _slow(days, T, known), _SLOW, _BETWEEN_SLOW),
             ]
         else:
             waves = (("season", np.sin), ("season'", np.cos))
@@ -90,8 +90,9 @@ class Regressors:
         if np.ptp(load) > 0:
             rows.append(("load", load / np.max(np.abs(load)), _LOAD, np.inf))
         rows += [("tool", (days >= day).astype(float), _TOOL, np.inf) for day in tools]
-        names, columns, scale, unlike = zip(*rows, strict=True)
-        return cls(names, np.stack(columns, axis=1), np.array(scale), np.array(unlike), unknown)
+        names, columns, *scales = zip(*rows, strict=True)
+        scale, between_drives = map(np.array, scales)
+        return cls(names, np.stack(columns, axis=1), scale, between_drives, unknown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +150,7 @@ def explained(
     changes = Changes.over(days)
     return Explained(
         days, z, start, first, changes,
-        evidence_of(days, z, variance, X, changes, first.scale, first.unlike, drives),
+        evidence_of(days, z, variance, X, changes, first.scale, first.between_drives, drives),
     )  # fmt: skip
 
 
@@ -160,7 +161,7 @@ def evidence_of(
     X: Float[np.ndarray, "series n regressors"],
     changes: Changes,
     scale: Float[np.ndarray, " regressors"],
-    unlike: Float[np.ndarray, " regressors"],
+    between_drives: Float[np.ndarray, " regressors"],
     drives: int,
 ) -> ChangeEvidence:
     """Evidence of changes with regressors, of which the first is the level.
@@ -168,7 +169,7 @@ def evidence_of(
     Args:
         z: series, NaN without a recording.
         variance: of each recording, in units of σ² of white scatter; increased for outliers.
-        scale, unlike: as in `Regressors`.
+        scale, between_drives: as in `Regressors`.
         drives: number of consecutive series of one robot.
     """
     variance = np.where(np.isfinite(z), variance * inflation(z, X[..., 1:]), np.inf)
@@ -177,7 +178,7 @@ def evidence_of(
     prior = first_prior(scale, USUAL_SCATTER, len(z))
     result = evidence(sums, changes, prior)
     if drives > 1:
-        prior = with_others(result, changes, prior, unlike, drives)
+        prior = with_others(result, changes, prior, between_drives, drives)
         result = evidence(sums, changes, prior)
     few = sums.count < FEWEST
     if not few.any():

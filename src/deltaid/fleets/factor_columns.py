@@ -138,11 +138,8 @@ _generic_base = lru_cache(maxsize=8)(random_motion_base)
 
 def _reference_speed(robot: RobotDescription, joint: str) -> float:
     """Speed up to which a joint's friction has knots [rad/s or m/s]."""
-    limits = robot.limits_of(joint)
-    if robot.units(joint).coordinate == "m":
-        return float(limits.speed or _SLIDING)
-    degrees = limits.speed_deg_s
-    return float(np.deg2rad(degrees)) if degrees else _TURNING
+    usual = _SLIDING if robot.units(joint).coordinate == "m" else _TURNING
+    return robot.limits_of(joint).top_speed or usual
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +192,7 @@ class GatheredColumns:
         )
 
     @cached_property
-    def felt(self) -> tuple[Int[np.ndarray, " _"], ...]:
+    def of_drives(self) -> tuple[Int[np.ndarray, " _"], ...]:
         """Indices of each drive's columns among the columns of a file."""
         drives, entries = self.regressor.regressor_pattern
         return tuple(

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from deltaid.errors import DescriptionError
-from deltaid.fleets.manifest import RecordedFile, beside, read_manifest
+from deltaid.fleets.manifest import RecordedFile, address_of, read_manifest
 from deltaid.fleets.store import has_pattern, is_folder, matching, stamps_of
 from deltaid.model.options import Period
 from deltaid.robot.load import catalogue
@@ -104,10 +104,10 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
     """
     read, absent, types = read_manifest(manifest), list[Quarantined](), dict[str, str]()
     recordings, mappings = dict[str, Recorded](), set[str]()
-    named = [(beside(entry[2].path, manifest), entry) for entry in read.entries(manifest)]
+    named = [(address_of(entry[2].path, manifest), entry) for entry in read.entries(manifest)]
     single = stamps_of(pattern for pattern, _ in named if not has_pattern(pattern))
     for pattern, (robot, kind, file, columns) in named:
-        types[kind] = kind if kind in catalogue() else beside(kind, manifest)
+        types[kind] = kind if kind in catalogue() else address_of(kind, manifest)
         if has_pattern(pattern):
             matches, why = matching(pattern), f"no file answers to it{_CHECK}"
         else:
@@ -116,7 +116,7 @@ def find_fleet(manifest: str, period: Period | None = None) -> Fleet:
             why = f"is a folder{files}" if is_folder(pattern) else f"no such file{_CHECK}"
         if not matches:
             absent.append(Quarantined("recording", robot, pattern, why))
-        mapping = beside(columns, manifest) if columns else ""
+        mapping = address_of(columns, manifest) if columns else ""
         mappings.add(mapping)
         for path, stamp in matches.items():
             time = _time(file, path)

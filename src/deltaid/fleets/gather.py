@@ -151,7 +151,7 @@ def condensed(
     box, parts, names = _cells(columns.dynamics.robot, recording.log.reach)
     places = PlaceSums(box, rows.dof, len(rows.active) + 1, parts)
     column = np.append(np.searchsorted(rows.active, columns.kept), len(rows.active))
-    with_tau = [column[np.append(places, -1)] for places in columns.felt]
+    with_tau = [column[np.append(places, -1)] for places in columns.of_drives]
     sizes = [len(places) for places in with_tau]
     # As many stretches and places as fit into a file.
     room = int(
@@ -196,9 +196,8 @@ def geometry_of(
     )
     every = np.split(np.column_stack([rows.Y, rows.D, rows.tau]), len(none))
     shifts = np.arange(len(columns.kept), every[0].shape[1])
-    each = [
-        part[None][:, :, [*felt, *shifts]] for part, felt in zip(every, columns.felt, strict=True)
-    ]
+    drives = zip(every, columns.of_drives, strict=True)
+    each = [part[None][:, :, [*places, *shifts]] for part, places in drives]
     return FactorGroups.of_rows(["geometry"], each, none[None], none[None]), rows.names
 
 
@@ -268,7 +267,7 @@ def record_of(
         # Friction curves and posterior follow from the triangles.
         model=model.changed(friction_curves=(), posterior=None),
         names=tuple(columns.place),
-        felt=tuple(tuple(places.tolist()) for places in columns.felt),
+        felt=tuple(tuple(places.tolist()) for places in columns.of_drives),
         quantities=quantities,
         noise=tuple(model.fit.rms),
         fastest=tuple(float(fastest.get(drive, 0.0)) for drive in model.robot.drives),

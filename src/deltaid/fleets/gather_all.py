@@ -206,7 +206,7 @@ def gather_recorded(job: GatherJob, place: Place) -> GatherResult:
     """
     with ALONE:
         try:
-            file = there = place.factors(job.file, job.key)
+            file = known = place.factors(job.file, job.key)
             if file is None:
                 file = _gathered_now(job)
                 place.save_file(job.file, lambda path: write(file, path, job.key))
@@ -218,7 +218,7 @@ def gather_recorded(job: GatherJob, place: Place) -> GatherResult:
         job.recorded,
         job.key,
         file=job.file,
-        is_new=there is None,
+        is_new=known is None,
         bytes=size,
         sha256=file.record.sha256,
         samples=file.record.model.sources[0].samples,

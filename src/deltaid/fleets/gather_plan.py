@@ -28,7 +28,7 @@ from deltaid.robot.load import catalogue, described
 FACTORS = "factors"
 DECIDED = "decided.json"
 # Largest number of a type's recordings that are tried, one after the other, for a cut-off.
-_ASKED = 20
+_TRIED = 20
 
 _Read = TypeVar("_Read")
 
@@ -192,11 +192,11 @@ def with_cutoffs(
     known = _decided(place)
     wrong, cutoffs = dict(plan.wrong), dict(known)
     for kind in (kind for kind in plan.robots if kind not in known):
-        jobs = [*islice(_jobs(plan, fleet, kind), _ASKED)]
-        asked = (
+        jobs = [*islice(_jobs(plan, fleet, kind), _TRIED)]
+        suggested = (
             next(iter(workers().done(suggested_cutoff, [job], lambda *_: None))) for job in jobs
         )
-        cutoff = next((cutoff for cutoff in asked if cutoff is not None), None)
+        cutoff = next((cutoff for cutoff in suggested if cutoff is not None), None)
         if cutoff is not None:
             cutoffs[kind] = cutoff
         elif jobs:

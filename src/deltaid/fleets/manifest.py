@@ -158,7 +158,7 @@ def _require_apart(robots: Iterable[str], where: str) -> None:
         names[robot.casefold()] = robot
 
 
-def beside(name: str, manifest: str) -> str:
+def address_of(name: str, manifest: str) -> str:
     """Address, or path relative to a manifest's folder, of a name in it."""
     if is_address(name):
         return name

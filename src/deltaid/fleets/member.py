@@ -75,7 +75,7 @@ class TypeMember:
     widened: Mapping[str, float] | None = None
 
     @property
-    def shown(self) -> set[str]:
+    def visible(self) -> set[str]:
         """Parameters that its rows or facts depend on."""
         every = np.vstack([self.rows, *(fact.coefficients for fact in self.facts)])
         return {self.names[k] for k in np.flatnonzero(np.any(every != 0, axis=0))}

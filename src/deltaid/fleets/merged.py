@@ -146,7 +146,7 @@ class Merging:
     def drives(self) -> tuple[Independent, ...]:
         """Independent active columns in the rows of each drive."""
         return tuple(
-            Independent.of_columns(self._active_map[places]) for places in self.columns.felt
+            Independent.of_columns(self._active_map[places]) for places in self.columns.of_drives
         )
 
     @cached_property

@@ -34,7 +34,7 @@ _LEAST, _MOST = 1e-4, 2.0
 # Step of log s for the curvature by central differences.
 _STEP = np.finfo(float).eps ** (1 / 3)
 # Loss of log likelihood without a spread that makes it significant (95 %).
-_THERE = 0.5 * NORMAL**2
+_SIGNIFICANT = 0.5 * NORMAL**2
 # Least number of robots that determine spreads.
 ENOUGH = 3
 # Draws of the spreads, in pairs.
@@ -179,7 +179,7 @@ class Spreads:
         log: logarithms of the most likely spreads.
         covariance: of these logarithms.
         known: whether the robots are enough to determine them.
-        there: kinds whose spread is significant.
+        significant: kinds whose spread is significant.
     """
 
     kinds: tuple[str, ...]
@@ -187,7 +187,7 @@ class Spreads:
     log: Float[np.ndarray, " kinds"]
     covariance: Float[np.ndarray, "kinds kinds"]
     known: bool
-    there: np.ndarray
+    significant: np.ndarray
 
     @property
     def freedom(self) -> float:
@@ -231,7 +231,7 @@ class Spreads:
         shares = parts / np.where(total > 0, total, 1.0)[:, None]
         deviation = np.sqrt(np.einsum("pk,kl,pl->p", shares, self.covariance, shares))
         spread = np.sqrt(total)
-        low = spread * np.exp(-NORMAL * deviation) * (shares @ self.there > 0.5)
+        low = spread * np.exp(-NORMAL * deviation) * (shares @ self.significant > 0.5)
         return spread, low, spread * np.exp(NORMAL * deviation)
 
 
@@ -266,9 +266,8 @@ def fitted_spreads(
     steps, top = np.eye(len(log)), type_mean(log).evidence
     H = np.array([falling(log + _STEP * e)[1] - falling(log - _STEP * e)[1] for e in steps])
     none = [np.where(e > 0, np.log(_LEAST), log) for e in steps]
-    there = np.array([top - type_mean(without).evidence > _THERE for without in none])
+    significant = np.array([top - type_mean(without).evidence > _SIGNIFICANT for without in none])
     values, vectors = np.linalg.eigh((H + H.T) / (4 * _STEP))
     values = np.maximum(values, VAGUE**-2)
-    return replace(
-        before, log=log, covariance=(vectors / values) @ vectors.T, known=True, there=there
-    )
+    covariance = (vectors / values) @ vectors.T
+    return replace(before, log=log, covariance=covariance, known=True, significant=significant)

@@ -199,7 +199,7 @@ def _periods(
 def robot_chains(fits: Iterable[FleetJob], drift: DriftSettings) -> list[Chain]:
     """Chains of jobs: fits, and after the fit of all recordings of a robot its drift and its
     contribution to its type."""
-    asked = {key: str(value) for key, value in asdict(drift).items()}
+    settings = {key: str(value) for key, value in asdict(drift).items()}
     chains = list[Chain]()
     for fit in fits:
         chain: Chain = (fit,)
@@ -208,7 +208,7 @@ def robot_chains(fits: Iterable[FleetJob], drift: DriftSettings) -> list[Chain]:
                 (str(log.time), log.load, log.temperature, log.path)
                 for log in (outcome.recorded for outcome in fit.recordings)
             ]
-            key = digest([version("deltaid"), fit.key, known, asked])
+            key = digest([version("deltaid"), fit.key, known, settings])
             study = replace(fit, step=DRIFTS, names=(fit.type,), key=key, file="", drift=drift)
             of_robot = digest([key, ROBOTS.name])
             file = f"{MEMBERS_FOLDER}/{fit.robot}-{of_robot[:12]}.npz"

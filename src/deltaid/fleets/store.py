@@ -52,7 +52,7 @@ def matching(pattern: str) -> dict[str, str]:
     """
     if not is_address(pattern):
         return stamps_of(sorted(glob.glob(pattern, recursive=True)))
-    infos = _asked(partial(_system(pattern).glob, pattern, detail=True), pattern)
+    infos = _request(partial(_system(pattern).glob, pattern, detail=True), pattern)
     return _stamps(infos, pattern)
 
 
@@ -69,7 +69,7 @@ def stamps_of(paths: Iterable[str]) -> dict[str, str]:
     for folder, files in folders.items():
         if folder and len(files) > 1:
             with suppress(FileNotFoundError):
-                infos = _asked(partial(_system(folder).ls, folder, detail=True), folder)
+                infos = _request(partial(_system(folder).ls, folder, detail=True), folder)
                 listed = _stamps({info["name"]: info for info in infos}, folder)
                 stamps |= {path: listed[path] for path in files if path in listed}
         else:
@@ -90,7 +90,7 @@ def stamp_of(path: str) -> str:
             return ""
         return f"{status.st_size} {status.st_mtime_ns}" if S_ISREG(status.st_mode) else ""
     try:
-        info = _asked(lambda: _system(path).info(path), path)
+        info = _request(lambda: _system(path).info(path), path)
         return _stamp(info) if info.get("type") == "file" else ""
     except (FileNotFoundError, NotADirectoryError):
         return ""
@@ -118,7 +118,7 @@ def local_file(path: str, stamp: str = "") -> Generator[Path]:
         return
     with TemporaryDirectory(prefix="deltaid-") as folder:
         copy = Path(folder) / path.rpartition("/")[2]
-        _asked(lambda: _fetch(path, copy, stamp), path)
+        _request(lambda: _fetch(path, copy, stamp), path)
         yield copy
 
 
@@ -131,7 +131,7 @@ def read(path: str) -> bytes | None:
     try:
         if not is_address(path):
             return Path(path).read_bytes()
-        return _asked(lambda: _system(path).cat_file(path), path)
+        return _request(lambda: _system(path).cat_file(path), path)
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:  # ValueError: a NUL in a name
@@ -151,7 +151,7 @@ def write(path: str, data: bytes) -> None:
     if not is_address(path):
         write_bytes(Path(path), data)
     else:
-        _asked(lambda: _system(path).pipe_file(path, data), path)
+        _request(lambda: _system(path).pipe_file(path, data), path)
 
 
 def listing(folder: str) -> dict[str, int]:
@@ -169,7 +169,7 @@ def listing(folder: str) -> dict[str, int]:
         return sizes
     system = _system(folder)
     base = system._strip_protocol(folder).rstrip("/") + "/"
-    files = _asked(lambda: system.find(folder, detail=True), folder)
+    files = _request(lambda: system.find(folder, detail=True), folder)
     return {name.removeprefix(base): int(info["size"] or 0) for name, info in files.items()}
 
 
@@ -181,7 +181,7 @@ def remove(path: str) -> None:
     """
     with suppress(FileNotFoundError):
         if is_address(path):
-            _asked(lambda: _system(path).rm_file(path), path)
+            _request(lambda: _system(path).rm_file(path), path)
         else:
             os.unlink(path)
 
@@ -248,7 +248,7 @@ def _failures() -> tuple[type[BaseException], ...]:
     return (OSError, *loaded)
 
 
-def _asked(ask: Callable[[], _Result], path: str) -> _Result:
+def _request(send: Callable[[], _Result], path: str) -> _Result:
     """Result of a request, repeated on failure.
 
     Raises:
@@ -257,14 +257,14 @@ def _asked(ask: Callable[[], _Result], path: str) -> _Result:
     """
     for k in range(_TRIES):
         try:
-            return ask()
+            return send()
         except FileNotFoundError:
             raise
         except _failures() as error:
-            said = re.sub(r"\s+", " ", str(error))[:300] or type(error).__name__
+            text = re.sub(r"\s+", " ", str(error))[:300] or type(error).__name__
             if k == _TRIES - 1 or isinstance(error, PermissionError):
                 raise StoreError(
-                    f"the store fails: {said}", where=path, cure="check address, rights and network"
+                    f"the store fails: {text}", where=path, cure="check address, rights and network"
                 ) from None
             time.sleep(_WAIT * 2**k)
     raise AssertionError

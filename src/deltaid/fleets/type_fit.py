@@ -83,7 +83,7 @@ def _reasons(sorting: Sorted) -> tuple[Sorted, list[str]]:
     now, count = replace(sorting, rows=replace(rows, extra=extra)), len(sorting.freedom)
     for k in range(count):
         if not rows.counts[k]:
-            robot = sorting.against_others(k, coordinates.worn)
+            robot = sorting.against_others(k, coordinates.free_friction)
             reasons.append(_reason(robot, coordinates, m))
             continue
         texts = list[str]()

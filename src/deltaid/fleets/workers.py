@@ -256,13 +256,13 @@ def require_shared(client: "Client", folder: Path) -> None:
     probe = folder / f".{uuid4().hex}"
     probe.touch()
     try:
-        seen = _of_each(client, os.path.exists, str(probe))
+        answers = _of_each(client, os.path.exists, str(probe))
     finally:
         probe.unlink()
-    blind = sorted(address for address, answer in seen.items() if answer is False)
+    blind = sorted(address for address, answer in answers.items() if answer is False)
     if blind:
         raise DeltaidError(
-            f"is not visible to {len(blind)} of {len(seen)} workers, such as {blind[0]}",
+            f"is not visible to {len(blind)} of {len(answers)} workers, such as {blind[0]}",
             where=f"-o {folder}",
             cure="give a folder that this machine and all workers share, or an address such as "
             "s3://bucket/fleet",

@@ -179,58 +179,58 @@ def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table
     )
 
 
-def friction_panel(title: str, seen: pl.DataFrame, drift: Row | None) -> Panel:
+def friction_panel(title: str, series: pl.DataFrame, drift: Row | None) -> Panel:
     """One drive over time.
 
     Args:
-        seen: its rows of the table of friction, of one quantity, sorted by time.
+        series: its rows of the table of friction, of one quantity, sorted by time.
         drift: its row of the table of drift, if the quantity has findings.
     """
-    unit = f"[{seen['unit'][0]}]"
+    unit = f"[{series['unit'][0]}]"
     slope = None if drift is None else drift["temperature_slope"]
     traces, value, name = list[Data](), "value", _NAME
-    if slope is not None and seen["temperature"].null_count() < len(seen):
+    if slope is not None and series["temperature"].null_count() < len(series):
         warm = pl.col("temperature") - pl.col("temperature").mean()
         cooled = (pl.col("value") * (-slope * warm).exp()).fill_null(pl.col("value"))
-        seen = seen.with_columns(cooled=cooled)
-        degrees = seen["temperature"].to_list()
+        series = series.with_columns(cooled=cooled)
+        degrees = series["temperature"].to_list()
         faint = {  # recorded values, at any temperature
             "marker": {"color": style.PRIOR, "size": 4, "opacity": 0.5},
             "text": ["" if t is None else f" at {number(t, 3)} °C" for t in degrees],
             "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}%{text}<extra></extra>",
         }
-        traces, value = [_dots(seen, "value", "as recorded") | faint], "cooled"
+        traces, value = [_dots(series, "value", "as recorded") | faint], "cooled"
         name = f"{_NAME}, at one temperature"
     error = {
         "type": "data",
-        "array": numbers(NORMAL * seen["std"].fill_null(0.0)),
+        "array": numbers(NORMAL * series["std"].fill_null(0.0)),
         "width": 0,
         "thickness": 1,
     }
-    traces.append(_dots(seen, value, name) | {"error_y": error})
+    traces.append(_dots(series, value, name) | {"error_y": error})
     if drift is None:
         return Panel(title, tuple(traces), unit=unit)
     if drift["state"] in ("rising", "falling"):
-        traces += _trend(drift, seen)
+        traces += _trend(drift, series)
     elif drift["state"] == "stepped":
-        traces += _step(drift, seen)
+        traces += _step(drift, series)
     return Panel(title, tuple(traces), _change(drift), unit)
 
 
-def time_axis(seen: pl.DataFrame) -> Data:
+def time_axis(series: pl.DataFrame) -> Data:
     """Time axis of all panels; a single time gets some days around it."""
     axis: Data = {"type": "date", "matches": "x"}
-    first, last = seen["time"].min(), seen["time"].max()
+    first, last = series["time"].min(), series["time"].max()
     if isinstance(first, datetime) and first == last:
         axis["range"] = [_minute(first + timedelta(days=days)) for days in (-3, 3)]
     return axis
 
 
-def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
+def _dots(series: pl.DataFrame, value: str, name: str) -> Data:
     return {
         "type": "scatter",
-        "x": dates(seen["time"]),
-        "y": numbers(seen[value]),
+        "x": dates(series["time"]),
+        "y": numbers(series[value]),
         "hovertemplate": "%{x|%Y-%m-%d}: %{y:.4g}<extra></extra>",
         "name": name,
         "mode": "markers",
@@ -238,13 +238,13 @@ def _dots(seen: pl.DataFrame, value: str, name: str) -> Data:
     }
 
 
-def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
+def _trend(row: Row, series: pl.DataFrame) -> list[Data]:
     """The line of the rate with its interval, from the change on, and the limit.
 
     A rate is a share per month, so friction grows exponentially; over the drawn range a straight
     line is as good.
     """
-    first, last, begin, level = seen["time"][0], seen["time"][-1], row["change"], row["level"]
+    first, last, begin, level = series["time"][0], series["time"][-1], row["change"], row["level"]
     # To the limit, but not far beyond the recordings.
     end = min(max(row["horizon"] or last, last), last + max(last - begin, _MONTH))
     low, middle, high = (
@@ -270,8 +270,8 @@ def _trend(row: Row, seen: pl.DataFrame) -> list[Data]:
     ]
 
 
-def _step(row: Row, seen: pl.DataFrame) -> list[Data]:
-    first, last = seen["time"][0], seen["time"][-1]
+def _step(row: Row, series: pl.DataFrame) -> list[Data]:
+    first, last = series["time"][0], series["time"][-1]
     on, before = row["change"], row["level"]
     after = before * (1 + row["step"])
     y = [before, before, after, after]

@@ -28,7 +28,7 @@ _GRADES = {Urgency.ACT: Trust.POOR, Urgency.LOOK: Trust.FAIR, Urgency.NONE: Trus
 # Largest number of recordings on a page, quarantined ones first.
 _RECORDINGS = 500
 # Sources of identified values.
-SEEN = ("data", "sum", "measured", "sensors")
+BY_DATA = ("data", "sum", "measured", "sensors")
 
 
 def robot_page(robot: Robot, label: str) -> Page:
@@ -174,8 +174,8 @@ def _parameters(parameters: pl.DataFrame) -> Section:
 
 
 def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
-    is_seen = pl.col("decided_by").is_in(SEEN)
-    periods = ordered.group_by("parameter").agg(is_seen.sum(), pl.len()).rows_by_key("parameter")
+    by_data = pl.col("decided_by").is_in(BY_DATA)
+    periods = ordered.group_by("parameter").agg(by_data.sum(), pl.len()).rows_by_key("parameter")
     rows = tuple(
         (
             row["parameter"],
@@ -184,12 +184,12 @@ def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
             cell(span, row["low"], row["high"]),
             cell(number, row["prior"]),
             row["decided_by"],
-            f"{seen} of {many}",
+            f"{decided} of {many}",
         )
         for row in fit.iter_rows(named=True)
-        for seen, many in periods.get(row["parameter"], [(0, 0)])
+        for decided, many in periods.get(row["parameter"], [(0, 0)])
     )
-    grey = frozenset(k for k, by in enumerate(fit["decided_by"]) if by not in SEEN)
+    grey = frozenset(k for k, by in enumerate(fit["decided_by"]) if by not in BY_DATA)
     return Table(
         ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
          "periods by data"),
@@ -200,8 +200,8 @@ def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
 
 
 def _over_periods(ordered: pl.DataFrame) -> tuple[Chart, ...]:
-    seen = ordered.filter(pl.col("decided_by").is_in(SEEN))
-    names = list(dict.fromkeys(seen["parameter"].to_list()))
+    decided = ordered.filter(pl.col("decided_by").is_in(BY_DATA))
+    names = list(dict.fromkeys(decided["parameter"].to_list()))
     if not names or ordered["period"].n_unique() < 2:
         return ()
     panels = [_panel(ordered.filter(parameter=name)) for name in names[:MOST]]
@@ -233,7 +233,7 @@ def _panel(rows: pl.DataFrame) -> Panel:
         "marker": {
             "color": style.IDENTIFIED,
             "size": 5,
-            "symbol": ["circle" if by in SEEN else "circle-open" for by in decided],
+            "symbol": ["circle" if by in BY_DATA else "circle-open" for by in decided],
         },
     }
     unit = rows["unit"][0]

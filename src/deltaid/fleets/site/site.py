@@ -235,9 +235,9 @@ def _rising(tables: Tables, urgent: Sequence[Robot]) -> tuple[Block, ...]:
     changed = [(robot.name, row) for robot in urgent for row in robot.changed]
     main = tables["friction"].filter(quantity=MAIN)
     panels = [
-        friction_panel(f"{name}, {row['drive']}", seen.sort("time"), row)
+        friction_panel(f"{name}, {row['drive']}", friction.sort("time"), row)
         for name, row in changed[:MOST]
-        if len(seen := main.filter(robot=name, drive=row["drive"]))
+        if len(friction := main.filter(robot=name, drive=row["drive"]))
     ]
     if not panels:
         return ()
