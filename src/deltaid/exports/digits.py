@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.kernel.llvm_ir import steps_of
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.model import Model
 
 # Largest condition of the Jacobian with accurate results; largest effect of one rounding relative
@@ -24,6 +25,8 @@ CONDITION, SHARE = 100.0, 2e-7
 # Half size of the box of states over that of the workspace; number of drawn poses; number of those
 # kept.
 _BEYOND, _DRAWN, _KEPT = 2.5, 40_000, 80
+# Largest difference of task coordinates that are the same [m, rad].
+_SAME = 1e-6
 # Largest relative error of one rounding to float.
 _ROUNDING = float(np.finfo(np.float32).eps) / 2
 # Operations without rounding, and those with a form for pairs (`text`).
@@ -120,19 +123,34 @@ def care_for(subject: Model, table: str) -> Care:
 
 def _poses(subject: Model, rng: np.random.Generator) -> Float[np.ndarray, "states dof"]:
     """Poses on the home pose's branch, half of them near singularities."""
-    kinematics, turn = subject.dynamics.kinematics, subject.robot.turn
-    centre, half = subject.robot.workspace.inner_box
-    r = centre + _BEYOND * half * rng.uniform(-1, 1, (_DRAWN, 3))
-    psi = rng.uniform(turn.low, turn.high, (_DRAWN, kinematics.dof - 3))
-    z = np.vstack([kinematics.home, np.hstack([r, psi])])
+    kinematics = subject.dynamics.kinematics
+    z = np.vstack([kinematics.home, random_poses(subject, rng, _BEYOND, _DRAWN)])
     regularity = kinematics.regularity(z)
     side = np.sign(regularity.determinant) == np.sign(regularity.determinant[0])
     good = (regularity.condition < CONDITION) & side
     good[0] = True  # home, so that at least one pose remains
     z, condition = z[good], regularity.condition[good]
     z = np.vstack([z[:_KEPT], z[np.argsort(condition)[::-1][:_KEPT]]])
-    again, same = kinematics.forward_unchecked(kinematics.inverse(z))
-    return z[same & ~(np.abs(again - z) > 1e-6).any(axis=1)]
+    return on_home_branch(kinematics, z)
+
+
+def random_poses(
+    subject: Model, rng: np.random.Generator, size: float, count: int
+) -> Float[np.ndarray, "states dof"]:
+    """Random task coordinates in a box of `size` times the workspace, turned by at most the
+    described angles."""
+    (centre, half), turn = subject.robot.workspace.inner_box, subject.robot.turn
+    r = centre + size * half * rng.uniform(-1, 1, (count, 3))
+    psi = rng.uniform(turn.low, turn.high, (count, subject.dynamics.dof - 3))
+    return np.hstack([r, min(size, 1.0) * psi])
+
+
+def on_home_branch(
+    kinematics: Kinematics, z: Float[np.ndarray, "states dof"]
+) -> Float[np.ndarray, "some dof"]:
+    """Poses that forward kinematics finds again from their drive coordinates."""
+    again, reached = kinematics.forward_unchecked(kinematics.inverse(z))
+    return z[reached & (np.abs(again - z) < _SAME).all(axis=1)]
 
 
 # Replaces undefined and infinite values by zero.

@@ -7,6 +7,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
+from deltaid.exports.digits import on_home_branch, random_poses
 from deltaid.exports.options import TargetName
 from deltaid.exports.structured_text import quantities, st_test
 from deltaid.exports.text import SINGLE, Precision, plain_letters, rendered
@@ -25,18 +26,10 @@ _SPEED, _ACCELERATION = 2.0, 10.0
 def reference_states(subject: Model, precision: Precision) -> dict[str, States]:
     """z, q, qd, qdd and the package's own tau at reproducible states all over the workspace, in the
     precision of the code, one state per row."""
-    kinematics, rng, turn = (
-        subject.dynamics.kinematics,
-        np.random.default_rng(0),
-        subject.robot.turn,
-    )
-    centre, half = subject.robot.workspace.inner_box
-    r = centre + _SHARE * half * rng.uniform(-1, 1, (BLOCK, 3))
-    psi = _SHARE * rng.uniform(turn.low, turn.high, (BLOCK, kinematics.dof - 3))
-    z = _rounded(np.hstack([r, psi]), precision)
-    again, reached = kinematics.forward_unchecked(kinematics.inverse(z))
-    same = reached & (np.abs(again - z) < 1e-6).all(axis=1)  # on the home pose's branch
-    z = z[same & (kinematics.condition(z) < _CONDITION)][:_COUNT]
+    kinematics, rng = subject.dynamics.kinematics, np.random.default_rng(0)
+    z = _rounded(random_poses(subject, rng, _SHARE, BLOCK), precision)
+    z = on_home_branch(kinematics, z)
+    z = z[kinematics.condition(z) < _CONDITION][:_COUNT]
     sizes = np.array([_SPEED, _ACCELERATION])[:, None, None]
     qd, qdd = _rounded(sizes * rng.uniform(-1, 1, (2, *z.shape)), precision)
     tau = subject.dynamics.torque(z, qd, qdd, _rounded(subject.p, precision))
