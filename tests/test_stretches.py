@@ -14,7 +14,7 @@ from deltaid.effects.account import account
 from deltaid.effects.point import EffectCandidate
 from deltaid.estimation.drive_rows import STRETCHES, DriveRows
 from deltaid.estimation.problem import LinearProblem, Span
-from deltaid.identification.column_stages import _lag
+from deltaid.identification.column_stages import rate_lag
 from deltaid.identification.friction_rows import FrictionRows
 
 LONG = 4  # samples a stretch
@@ -99,7 +99,7 @@ def test_intervals_of_late_velocities_hold_the_truth_in_95_of_100() -> None:
     slope, noise = np.sign(stretched(rng, drives)), 1e-3 * stretched(rng, drives)
     derived, counts = rng.standard_normal((SAMPLES, drives)), np.arange(SAMPLES) % LONG > 0
     wild = np.where(counts, 0.0, 1e3)[:, None]
-    found = _lag(derived - late * slope + noise + wild, derived, slope, counts)
+    found = rate_lag(derived - late * slope + noise + wild, derived, slope, counts)
     inside = np.abs(found.values - late) < found.interval
     assert inside.mean() == pytest.approx(0.95, abs=0.02)
     # The mean of as many independent numbers as there are stretches.

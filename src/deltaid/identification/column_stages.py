@@ -116,14 +116,14 @@ def late_rate(recording: PreparedRecording, kinematics: Kinematics) -> Lag | Non
     counts, acceleration = weights.min(axis=1) > 0, 0.5 * (qdd + qdd_derived)
     lags = list[Lag]()
     if columns.velocity:
-        lags.append(_lag(qd, qd_derived, acceleration, counts))
+        lags.append(rate_lag(qd, qd_derived, acceleration, counts))
     if columns.acceleration:
-        lags.append(_lag(qdd, qdd_derived, rate * np.gradient(acceleration, axis=0), counts))
+        lags.append(rate_lag(qdd, qdd_derived, rate * np.gradient(acceleration, axis=0), counts))
     shown = (np.abs(lag.values) > np.maximum(CLEAR_LAG * lag.interval, HARMLESS) for lag in lags)
     return next((lag for lag, harmful in zip(lags, shown, strict=True) if harmful.any()), None)
 
 
-def _lag(
+def rate_lag(
     recorded: Float[np.ndarray, "samples dof"],
     derived: Float[np.ndarray, "samples dof"],
     slope: Float[np.ndarray, "samples dof"],

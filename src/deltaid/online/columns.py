@@ -23,7 +23,7 @@ from deltaid.effects.lag_groups import SMALL
 from deltaid.errors import Doubt, RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.spectra import white_noise
-from deltaid.identification.column_stages import CLEAR_LAG
+from deltaid.identification.column_stages import CLEAR_LAG, rate_lag
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
 from deltaid.identification.study import studied
@@ -105,13 +105,9 @@ def _lag(
         return np.zeros(dof)
     area = np.vstack([np.zeros(dof), np.cumsum(0.5 * (v[1:] + v[:-1]), axis=0)])
     means, true = (area[n:] - area[:-n]) / n, (q[n:] - q[:-n]) * rate / n
-    change, late = (true[2 * n :] - true[: -2 * n]) * rate / (2 * n), (true - means)[n:-n]
-    starts = np.linspace(0, len(late), STRETCHES, endpoint=False).astype(int)
-    power, moment = (np.add.reduceat(x, starts) for x in (change**2, change * late))
-    total = np.maximum(power.sum(axis=0), np.finfo(float).tiny)
-    lag = moment.sum(axis=0) / total
-    deviation = np.sqrt(np.sum((moment - lag * power) ** 2, axis=0)) / total
-    return np.where(np.abs(lag) > STRONG * deviation, lag, 0.0)
+    change = (true[2 * n :] - true[: -2 * n]) * rate / (2 * n)
+    lag = rate_lag(means[n:-n], true[n:-n], change, np.ones(len(change), dtype=bool))
+    return np.where(np.abs(lag.values) > STRONG * lag.deviation, lag.values, 0.0)
 
 
 # Verdicts that are given elsewhere: the run judges the size of torques, because its model is more
