@@ -12,10 +12,11 @@ from command import refused, run
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
-from deltaid.fleets import gather
+from deltaid.fleets import gather_folder
 from deltaid.fleets.factor_columns import KNOTS, GatheredColumns, map_to, plain, splines
 from deltaid.fleets.factor_file import FactorFile, read, write
-from deltaid.fleets.gather import Gathering, gather_into, gathered
+from deltaid.fleets.gather import gathered
+from deltaid.fleets.gather_folder import Gathering, gather_into
 from deltaid.fleets.identify_gathered import identify_gathered, validate_gathered
 from deltaid.identification.identify import identify
 from deltaid.identification.prediction import validate
@@ -188,7 +189,7 @@ def test_what_is_no_recording_is_refused_and_the_rest_gathered(known) -> None:
 
 def test_a_recording_is_gathered_once(logs: list[Path], known, monkeypatch) -> None:
     place, (_, first) = known
-    monkeypatch.setattr(gather, "gathered", lambda *_, **__: pytest.fail("was read again"))
+    monkeypatch.setattr(gather_folder, "gathered", lambda *_, **__: pytest.fail("was read again"))
     (again,) = gather_into(place, load_robot(ROBOT), logs[:1], settings=SETTINGS)
     assert again.state == "there"
     assert again.path == first.path

@@ -34,7 +34,7 @@ from deltaid.fleets.fleet import find_fleet
 from deltaid.fleets.gather_all import RECORDINGS_SCHEMA, recordings_table
 from deltaid.fleets.place import Place
 from deltaid.fleets.run import fleet as run_fleet
-from deltaid.fleets.step import Chain, tables_of, work
+from deltaid.fleets.step import Chain, work
 from deltaid.fleets.workers import Workers, open_workers, require_shared
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.load import load_robot
@@ -250,7 +250,7 @@ def test_a_damaged_table_of_recordings_is_put_back_and_not_removed(tmp_path: Pat
     path = tmp_path / "recordings.parquet"
     path.write_bytes(changed_bit(path.read_bytes(), Random(1)))
     with pytest.raises(DeltaidError, match=r"is damaged(.|\n)*before/recordings.parquet"):
-        tables_of(place, {"recordings": RECORDINGS_SCHEMA})
+        place.tables({"recordings": RECORDINGS_SCHEMA})
 
 
 def test_a_robot_without_a_description_and_a_log_without_a_date_stop_nothing(whole: Plant) -> None:

@@ -25,9 +25,9 @@ from deltaid.fleets.fleet import ALL, Recorded
 from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.identify_gathered import identify_gathered
 from deltaid.fleets.merged import merging_of
-from deltaid.fleets.place import Place
+from deltaid.fleets.place import Place, Tables
 from deltaid.fleets.robot_recordings import RobotRecordings
-from deltaid.fleets.step import FleetJob, Tables, work_chain
+from deltaid.fleets.step import FleetJob, work_chain
 from deltaid.fleets.steps import fit_jobs, robot_chains
 from deltaid.model.record import IdentifiedModel
 from deltaid.recording.carried import Load

@@ -57,7 +57,7 @@ def gather(
     `deltaid identify` accepts these files instead of recordings. A recording that was gathered
     before is not read again.
     """
-    from deltaid.fleets.gather import gather_into
+    from deltaid.fleets.gather_folder import gather_into
 
     settings = deltaid.Settings(
         cutoff=cutoff, lag=lag, compliance=compliance, keep_all=keep_all, events=events

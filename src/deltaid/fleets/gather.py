@@ -1,10 +1,8 @@
 """Gather one recording: identify it alone, correct and condense it, with columns for any law."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import version
-from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -15,17 +13,11 @@ from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import alone
 from deltaid.effects.lags import HELD
 from deltaid.effects.load_columns import LoadColumns
-from deltaid.errors import DeltaidError
 from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.scatter import PlaceSums
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
 from deltaid.fleets.factor_file import (
-    ENDING,
     FactorFile,
-    digest,
-    gathering_digest,
-    safe,
-    write,
 )
 from deltaid.fleets.factor_record import (
     FactorGroups,
@@ -34,7 +26,6 @@ from deltaid.fleets.factor_record import (
     KnownLag,
     Temperature,
 )
-from deltaid.fleets.place import Place
 from deltaid.identification.assembly import doubts_of_fit
 from deltaid.identification.fit import FittedProblem, Progress
 from deltaid.identification.gathering import gather
@@ -43,9 +34,8 @@ from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.identification.warmth import Warmth, temperature
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.record import Settings
-from deltaid.recording.mapping import ColumnMapping, ColumnMappings, mapping_each
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
-from deltaid.recording.opening import open_table
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
@@ -84,50 +74,6 @@ def gathered(
     whole, groups = condensed(over, recording)
     geometry, quantities = geometry_of(over, problem, recording)
     return FactorFile(record_of(type_, result, over, quantities), whole, groups, geometry)
-
-
-@dataclass(frozen=True)
-class Gathering:
-    log: Path
-    path: Path  # its factor file, even if refused
-    state: Literal["new", "there", "refused"]  # 'there' if it existed before
-    error: DeltaidError | None = None  # reason of a refusal
-
-
-def gather_into(
-    folder: Path,
-    robot: RobotDescription,
-    logs: Sequence[Path],
-    *,
-    columns: ColumnMappings = None,
-    settings: Settings | None = None,
-    force: bool = False,
-    progress: Progress = lambda _: None,
-) -> Iterator[Gathering]:
-    """Gather recordings into a folder, one after the other; existing files are not made again.
-
-    A recording that cannot be used is refused with its reason and does not stop the others. The
-    name of a file contains a checksum of its inputs: the recording's bytes, the mechanism, the
-    mapping, settings of filter, masks and corrections, and the versions of deltaid and of the file.
-    The folder is made if missing; other arguments are those of `deltaid.identify`.
-    """
-    settings = settings or Settings()
-    for log, mapping in zip(logs, mapping_each(columns, len(logs)), strict=True):
-        path = folder / f"{safe(log.name)}{ENDING}"
-        try:
-            sha256 = open_table(log, mapping or ColumnMapping()).checksum([])
-            key = digest([sha256, version("deltaid"), gathering_digest(robot, mapping, settings)])
-            path = folder / f"{safe(log.stem)}-{key[:10]}{ENDING}"
-            is_there = Place.named(folder).factors(path.name, key) is not None
-            if not is_there:
-                file = gathered(
-                    robot, log, columns=mapping, settings=settings, force=force, progress=progress
-                )
-                write(file, path, key)
-        except DeltaidError as error:
-            yield Gathering(log, path, "refused", error)
-        else:
-            yield Gathering(log, path, "there" if is_there else "new")
 
 
 def gathered_columns(problem: FittedProblem, recording: PreparedRecording) -> GatheredColumns:

@@ -13,8 +13,8 @@ from deltaid.fleets.factor_record import RecordingBrief
 from deltaid.fleets.fleet import Fleet, Recorded
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.gather_plan import FACTORS, GatherJob, GatherResult
-from deltaid.fleets.place import Place
-from deltaid.fleets.step import RECORDINGS, Call
+from deltaid.fleets.place import RECORDINGS, Place
+from deltaid.fleets.step import Call
 from deltaid.fleets.store import StoreError, has_pattern, local_file
 from deltaid.fleets.workers import ALONE
 from deltaid.grouping import grouped

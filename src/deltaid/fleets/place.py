@@ -1,6 +1,6 @@
 """The folder of a fleet: on this machine, on one that all workers share, or in a store."""
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -19,6 +19,16 @@ from deltaid.model.record import IdentifiedModel
 from deltaid.recording.source import POLARS_ERRORS
 
 MADE_AGAIN = "remove it; it is made again"
+# The table of recordings, and the file of the quarantine.
+RECORDINGS, QUARANTINE = "recordings", "quarantine.csv"
+# Folders of results that are not in tables yet, and of the tables before a call.
+JOURNAL, BEFORE = "unfinished", "before"
+_PUT_BACK = (
+    f"put {BEFORE}/{RECORDINGS}.parquet in its place; if you remove it, recordings that are away "
+    "are forgotten"
+)
+
+Tables = dict[str, pl.DataFrame]
 
 
 @dataclass(frozen=True)
@@ -98,6 +108,48 @@ class Place:
         buffer = BytesIO()
         frame.write_parquet(buffer, compression="zstd", metadata={"checksum": EMPTY})
         self.write(name, sealed(buffer.getvalue()))
+
+    def tables(self, schemas: Mapping[str, Mapping[str, Any]]) -> Tables:
+        """Tables of earlier calls; tables of another version are made again, except of recordings.
+
+        Args:
+            schemas: columns of tables, by name.
+
+        Raises:
+            DeltaidError: a table cannot be read.
+        """
+        tables = Tables()
+        for name, schema in schemas.items():
+            table = self.table(f"{name}.parquet", _PUT_BACK if name == RECORDINGS else MADE_AGAIN)
+            is_other = table is not None and table.schema != pl.Schema(schema)
+            if is_other and name == RECORDINGS:
+                raise DeltaidError(
+                    "has other columns than this version writes",
+                    where=self.path_to(f"{name}.parquet"),
+                    cure="remove it, and it is made again; recordings that have been thrown away "
+                    "since are then forgotten",
+                )
+            tables[name] = pl.DataFrame(schema=schema) if table is None or is_other else table
+        return tables
+
+    def refusals(self) -> dict[str, str]:
+        """Reasons of lasting refusals by earlier calls, by key.
+
+        Raises:
+            DeltaidError: the quarantine cannot be read.
+        """
+        if not (data := self.read(QUARANTINE)):
+            return {}
+        try:
+            table = pl.read_csv(BytesIO(data), infer_schema=False)
+            reasons = table.select(pl.col("key").fill_null(""), "reason").rows()
+        except POLARS_ERRORS as error:
+            raise DeltaidError(
+                f"cannot be read: {str(error).splitlines()[0]}",
+                where=self.path_to(QUARANTINE),
+                cure=MADE_AGAIN,
+            ) from None
+        return {key: reason for key, reason in reasons if key}
 
     def factors(self, name: str, key: str | None = None) -> FactorFile | None:
         """Read a factor file; None if it is missing, damaged, or of other inputs.

@@ -16,19 +16,13 @@ from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.fleet import Fleet, Quarantined, find_fleet
 from deltaid.fleets.gather_all import gather_again, gather_all, recordings_table
 from deltaid.fleets.gather_plan import GatherPlan, GatherResult, with_cutoffs
-from deltaid.fleets.place import Place
+from deltaid.fleets.place import BEFORE, JOURNAL, QUARANTINE, RECORDINGS, Place
 from deltaid.fleets.site.site import SITE, write_site
 from deltaid.fleets.step import (
-    BEFORE,
-    JOURNAL,
-    QUARANTINE,
-    RECORDINGS,
     Call,
     FleetStep,
     JobResult,
-    refused,
     run_chains,
-    tables_of,
 )
 from deltaid.fleets.steps import (
     DRIFTS,
@@ -137,7 +131,7 @@ def fleet(
         if place.is_local:
             require_writable(Path(place.path_to(QUARANTINE)))
         plan = GatherPlan.from_manifest(manifest, settings, force=force)
-        tables, reasons = tables_of(place, TABLES), {} if retry else refused(place)
+        tables, reasons = place.tables(TABLES), {} if retry else place.refusals()
 
         @cache
         def started() -> Workers:

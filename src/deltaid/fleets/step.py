@@ -7,7 +7,6 @@ journal until the tables are written, so a call may be interrupted at any time.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from io import BytesIO
 from typing import Any, TypeVar
 
 import polars as pl
@@ -16,71 +15,16 @@ from deltaid.errors import DeltaidError
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.fleets.fleet import Fleet
 from deltaid.fleets.gather_plan import GatherPlan, GatherResult
-from deltaid.fleets.place import MADE_AGAIN, Place
+from deltaid.fleets.place import JOURNAL, Place, Tables
 from deltaid.fleets.store import StoreError
 from deltaid.fleets.workers import ALONE, Workers
 from deltaid.model.record import Settings
 from deltaid.parallel import threads
 from deltaid.progress import Progress
-from deltaid.recording.source import POLARS_ERRORS
 from deltaid.robot.description import RobotDescription
 
-# The table of recordings, and the file of the quarantine.
-RECORDINGS, QUARANTINE = "recordings", "quarantine.csv"
-# Folders of results that are not in tables yet, and of the tables before a call.
-JOURNAL, BEFORE = "unfinished", "before"
-_PUT_BACK = (
-    f"put {BEFORE}/{RECORDINGS}.parquet in its place; if you remove it, recordings that are away "
-    "are forgotten"
-)
-
-Tables = dict[str, pl.DataFrame]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
-
-
-def tables_of(place: Place, schemas: Mapping[str, Mapping[str, Any]]) -> Tables:
-    """Tables of earlier calls; tables of another version are made again, except of recordings.
-
-    Args:
-        schemas: columns of tables, by name.
-
-    Raises:
-        DeltaidError: a table cannot be read.
-    """
-    tables = Tables()
-    for name, schema in schemas.items():
-        table = place.table(f"{name}.parquet", _PUT_BACK if name == RECORDINGS else MADE_AGAIN)
-        is_other = table is not None and table.schema != pl.Schema(schema)
-        if is_other and name == RECORDINGS:
-            raise DeltaidError(
-                "has other columns than this version writes",
-                where=place.path_to(f"{name}.parquet"),
-                cure="remove it, and it is made again; recordings that have been thrown away "
-                "since are then forgotten",
-            )
-        tables[name] = pl.DataFrame(schema=schema) if table is None or is_other else table
-    return tables
-
-
-def refused(place: Place) -> dict[str, str]:
-    """Reasons of lasting refusals by earlier calls, by key.
-
-    Raises:
-        DeltaidError: the quarantine cannot be read.
-    """
-    if not (data := place.read(QUARANTINE)):
-        return {}
-    try:
-        table = pl.read_csv(BytesIO(data), infer_schema=False)
-        reasons = table.select(pl.col("key").fill_null(""), "reason").rows()
-    except POLARS_ERRORS as error:
-        raise DeltaidError(
-            f"cannot be read: {str(error).splitlines()[0]}",
-            where=place.path_to(QUARANTINE),
-            cure=MADE_AGAIN,
-        ) from None
-    return {key: reason for key, reason in reasons if key}
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,11 @@ from deltaid.fleets.gather_all import RECORDINGS_SCHEMA, poor
 from deltaid.fleets.gather_plan import GatherResult
 from deltaid.fleets.identify_gathered import identify_merged
 from deltaid.fleets.member import TypeMember, member, member_bytes, read_member
-from deltaid.fleets.place import Place
+from deltaid.fleets.place import RECORDINGS, Place, Tables
 from deltaid.fleets.population import MEMBERS, TYPES, members_table, next_robot, types_table
 from deltaid.fleets.robot_drift import DriftRecording, drift_of, kept_since
 from deltaid.fleets.robot_recordings import RobotRecordings, merged_recordings
-from deltaid.fleets.step import RECORDINGS, Chain, FleetJob, FleetStep, JobResult, Tables
+from deltaid.fleets.step import Chain, FleetJob, FleetStep, JobResult
 from deltaid.fleets.type_fit import fitted
 from deltaid.grouping import grouped
 from deltaid.model.options import Period

@@ -3,9 +3,9 @@
 import polars as pl
 
 from deltaid.fleets.fleet import ALL
+from deltaid.fleets.site.friction_panel import MAIN, friction_panel, time_axis
 from deltaid.fleets.site.parts import (
     LIKE,
-    MAIN,
     MOST,
     Panel,
     bounds,
@@ -13,11 +13,9 @@ from deltaid.fleets.site.parts import (
     dates,
     drive_tables,
     ended,
-    friction_panel,
     grid,
     known,
     numbers,
-    time_axis,
 )
 from deltaid.fleets.site.state import Robot, Urgency, day, last_period
 from deltaid.view import style
