@@ -10,7 +10,7 @@ import pytest
 
 from c_library import BAD_INPUT, FURTHER, NOT_CLOSED, OK, OTHER_MODE, OUT_OF_REACH, SINGULAR
 from deltaid.errors import DeltaidError
-from deltaid.exports.st_units import StructuredText
+from deltaid.exports.st_statements import StructuredText
 from deltaid.exports.straight_line import Array, body
 from deltaid.exports.structured_text import plc_program
 from deltaid.exports.text import DOUBLE, SINGLE, Precision
