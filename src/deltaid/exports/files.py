@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -189,63 +189,94 @@ def export(
     """
     if str(to) not in TARGETS:
         raise unknown(to, TARGETS, "target", "export")
-    form = TARGETS[to]
-    versions: Mapping[str, FmiVersion] = {version: version for version in get_args(FmiVersion)}
-    if str(fmi) not in versions:
-        raise unknown(fmi, versions, "version of FMI", "export")
+    further, version = _names(functions), _fmi_version(fmi)
     typed("output", output, (str, os.PathLike), "a file or a folder")
-    typed("online", online, (OnlineSettings, NoneType), "OnlineSettings")
-    names = functions.split(",") if isinstance(functions, str) else functions
-    typed("functions", names, Sequence, "a list of names")
     typed("inputs", inputs, (tuple, list), "a list of files")
-    for name in names:
-        typed("functions", name, str, "a list of names")
-    further = tuple(name.strip() for name in names if name.strip())
+    _require_options(to, further, version, online, single=single)
+    subject, warnings = _prepared(load(model), payload, without_friction, plain_friction)
+    form, precision = TARGETS[to], SINGLE if single else DOUBLE
+    path = output_path(to, subject.robot.name, output)
+    paths, companions = [path.with_suffix(suffix) for suffix in form.suffixes], dict[str, str]()
+    if path != Path(output):
+        names = [part.name for part in paths]
+        companions = handover.handover(subject, to, path.stem, names, precision)
+    paths += [path.parent / name for name in companions]
+    for part in paths:
+        require_writable(part, inputs)
+    with watched(progress, "export") as say:
+        choices = Choices(precision, further, online or OnlineSettings(), version, say)
+        made = form.build(subject, path.stem, choices)
+    with together():
+        for part, content in zip(paths, (*made.parts.values(), *companions.values()), strict=True):
+            write_bytes(part, content if isinstance(content, bytes) else content.encode())
+    return Written(tuple(paths), (*warnings, *made.warnings, *_notes(subject, further)))
+
+
+def _require_options(
+    to: TargetName,
+    further: Sequence[str],
+    version: FmiVersion,
+    online: OnlineSettings | None,
+    *,
+    single: bool,
+) -> None:
     if single or further:
         what = "precision and further functions are of code"
         _require("code", to, what, "--single" if single else "--with")
-    if versions[str(fmi)] != "2":
+    if version != "2":
         _require("unit", to, "FMI is of units", "--fmi")
+    typed("online", online, (OnlineSettings, NoneType), "OnlineSettings")
     if online is not None and "online" not in further:
         raise DeltaidError(
             "settings are given of the function online, which is not asked for",
             where="online",
             cure="add functions=['online'], or leave them out",
         )
-    if without_friction and plain_friction:
+
+
+def _prepared(
+    subject: Model, payload: str | float | None, without_friction: bool, plain: bool
+) -> tuple[Model, tuple[str, ...]]:
+    """The model with its payload and its friction as asked, and warnings."""
+    if without_friction and plain:
         raise DeltaidError(
             "no friction is left to approximate with --without-friction",
             where="--plain-friction",
             cure="give one of the two",
         )
-    subject = load(model)
     if payload is not None:
         subject = _holding(subject, payload)
     if without_friction:
         subject = subject.without_friction()
-    subject, warnings = nearest_plain(subject) if plain_friction else (subject, ())
+    subject, warnings = nearest_plain(subject) if plain else (subject, ())
     tree.require_physical(subject, "identify the model again; its result is always consistent")
-    path, precision = output_path(to, subject.robot.name, output), SINGLE if single else DOUBLE
-    paths, beside = [path.with_suffix(suffix) for suffix in form.suffixes], dict[str, str]()
-    if path != Path(output):
-        beside = handover.handover(subject, to, path.stem, [part.name for part in paths], precision)
-    paths += [path.parent / name for name in beside]
-    for part in paths:
-        require_writable(part, inputs)
-    with watched(progress, "export") as say:
-        choices = Choices(precision, further, online or OnlineSettings(), versions[str(fmi)], say)
-        made = form.build(subject, path.stem, choices)
-    with together():
-        for part, content in zip(paths, (*made.parts.values(), *beside.values()), strict=True):
-            write_bytes(part, content if isinstance(content, bytes) else content.encode())
-    notes = []  # limitations of additional functions for this robot
-    if "constraint-forces" in further:
-        notes.append(ConstraintForces(subject.robot).note)
-    if "online" in further and subject.identified is None:
-        notes.append(model_functions.NO_CONTACT)
+    return subject, warnings
+
+
+def _names(functions: Sequence[str]) -> tuple[str, ...]:
+    """Names of additional functions, from a list or from words separated by commas."""
+    names = functions.split(",") if isinstance(functions, str) else functions
+    typed("functions", names, Sequence, "a list of names")
+    for name in names:
+        typed("functions", name, str, "a list of names")
+    return tuple(name.strip() for name in names if name.strip())
+
+
+def _fmi_version(fmi: str | int) -> FmiVersion:
+    versions: Mapping[str, FmiVersion] = {version: version for version in get_args(FmiVersion)}
+    if str(fmi) not in versions:
+        raise unknown(fmi, versions, "version of FMI", "export")
+    return versions[str(fmi)]
+
+
+def _notes(subject: Model, further: Sequence[str]) -> Iterator[str]:
+    """Drives whose commands differ from their torques, and limits of additional functions."""
     if subject.identified is not None and (commands := subject.identified.commands):
-        notes.insert(0, Doubt(_AT_JOINTS, cause=_GAINS, cure=f"for them command {commands}"))
-    return Written(tuple(paths), (*warnings, *made.warnings, *filter(None, notes)))
+        yield Doubt(_AT_JOINTS, cause=_GAINS, cure=f"for them command {commands}")
+    if "constraint-forces" in further and (note := ConstraintForces(subject.robot).note):
+        yield note
+    if "online" in further and subject.identified is None:
+        yield model_functions.NO_CONTACT
 
 
 # Warning for models whose drives' commands differ from the torques at the joints.
