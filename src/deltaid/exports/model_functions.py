@@ -5,7 +5,8 @@ All are functions of task coordinates z, which forward kinematics computes once 
 controller that needs torque, mass matrix and gravity closes the loops only once.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -74,7 +75,8 @@ def code_parts(
             (Demand(m.reach, precision.closed, "OUT_OF_REACH"),),
         ),
         _forward(subject, precision),
-        *_dynamics(subject, parameters, precision),
+        *_inverse_dynamics(subject, parameters, precision),
+        *_terms(subject, parameters),
         *(build(subject, parameters) for name, build in _FURTHER.items() if name in further),
     ]
     cycles = [online_cycle(subject, online)] if "online" in further else []
@@ -107,61 +109,72 @@ def _forward(subject: Model, precision: Precision) -> ExportedFunction:
     )
 
 
-def _dynamics(
+def _function(
+    table: ParameterTable,
+    p: ca.SX,
+    name: str,
+    doc: str,
+    inputs: tuple[Array, ...],
+    output: Output,
+) -> ExportedFunction:
+    """A function of the table's parameters, in place of the symbols p."""
+    value = ca.substitute([output.value], [p], [table.p])[0]
+    return ExportedFunction(name, doc, (*inputs, table.array), (replace(output, value=value),))
+
+
+def _inverse_dynamics(
     subject: Model, table: ParameterTable, precision: Precision
-) -> list[ExportedFunction]:
+) -> Iterator[ExportedFunction]:
     e, mechanism = subject.dynamics.equations, subject.dynamics.kinematics.mechanism
-    z, qd, qdd = Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd)
-    q, tau = Array("q", mechanism.q_symbols), Array("tau", ca.SX.sym("tau", subject.dynamics.dof))
-    losing = " (but for losses that depend on load)" if subject.robot.load_drives else ""
-    single = precision is SINGLE
-
-    def function(
-        name: str, doc: str, inputs: tuple[Array, ...], out: str, value: ca.SX
-    ) -> ExportedFunction:
-        value = ca.substitute([value], [e.p], [table.p])[0]
-        return ExportedFunction(name, doc, (*inputs, table.array), (Output(out, value),))
-
-    near = function(
-        "inverse_dynamics_near",
-        "tau(q, qd, qdd), where z is the pose of q but for its rounding, which near "
-        "singularities takes more digits of torques than it has.",
-        (z, q, qd, qdd),
-        "tau",
-        ca.substitute(e.torque, e.z, mechanism.z - mechanism.newton_step),
+    z, q = Array("z", e.z), Array("q", mechanism.q_symbols)
+    rates, single = (Array("qd", e.qd), Array("qdd", e.qdd)), precision is SINGLE
+    doc = "tau(z, qd, qdd), from the pose."
+    yield _function(table, e.p, "inverse_dynamics_at", doc, (z, *rates), Output("tau", e.torque))
+    if single:
+        near = ca.substitute(e.torque, e.z, mechanism.z - mechanism.newton_step)
+        doc = (
+            "tau(q, qd, qdd), where z is the pose of q but for its rounding, which near "
+            "singularities takes more digits of torques than it has."
+        )
+        inputs = (z, q, *rates)
+        yield _function(table, e.p, "inverse_dynamics_near", doc, inputs, Output("tau", near))
+    yield ExportedFunction(
+        "inverse_dynamics",
+        "tau(q, qd, qdd), by way of z as in forward_kinematics.",
+        (q, *rates),
+        (),
+        after="inverse_dynamics_near" if single else "inverse_dynamics_at",
+        closing=single,
     )
-    return [
-        function(
-            "inverse_dynamics_at", "tau(z, qd, qdd), from the pose.", (z, qd, qdd), "tau", e.torque
-        ),
-        *([near] if single else []),
-        ExportedFunction(
-            "inverse_dynamics",
-            "tau(q, qd, qdd), by way of z as in forward_kinematics.",
-            (q, qd, qdd),
-            (),
-            after="inverse_dynamics_near" if single else "inverse_dynamics_at",
-            closing=single,
-        ),
-        function(
+
+
+def _terms(subject: Model, table: ParameterTable) -> Iterator[ExportedFunction]:
+    """Forward dynamics and the terms of (1)."""
+    e, losing = subject.dynamics.equations, ""
+    z, qd, tau = Array("z", e.z), Array("qd", e.qd), ca.SX.sym("tau", subject.dynamics.dof)
+    if subject.robot.load_drives:
+        losing = " (but for losses that depend on load)"
+    for name, doc, inputs, out, value in (
+        (
             "forward_dynamics",
             "qdd(z, qd, tau): M qdd = tau - C qd - g - f, by Cholesky. Friction is as at speed "
             "qd, so a drive at rest has none; who integrates this must treat the zero of a speed.",
-            (z, qd, tau),
+            (z, qd, Array("tau", tau)),
             "qdd",
-            acceleration(subject, e, tau.symbols),
+            acceleration(subject, e, tau),
         ),
-        function("jacobian", "J = dq/dz, row by row: qd = J zd.", (z,), "J", e.J),
-        function("mass_matrix", "M, symmetric.", (z,), "M", e.M),
-        function(
+        ("jacobian", "J = dq/dz, row by row: qd = J zd.", (z,), "J", e.J),
+        ("mass_matrix", "M, symmetric.", (z,), "M", e.M),
+        (
             "bias",
             f"h = C qd + g + f: gravity, velocity forces, springs, friction{losing}.",
             (z, qd),
             "h",
             bias(subject, e),
         ),
-        function("gravity", "g: gravity and springs.", (z,), "g", e.g),
-    ]
+        ("gravity", "g: gravity and springs.", (z,), "g", e.g),
+    ):
+        yield _function(table, e.p, name, doc, inputs, Output(out, value))
 
 
 def bias(subject: Model, e: Equations) -> ca.SX:
@@ -190,12 +203,11 @@ def acceleration(subject: Model, e: Equations, tau: ca.SX) -> ca.SX:
 
 def _constraint_forces(subject: Model, table: ParameterTable) -> ExportedFunction:
     forces = ConstraintForces(subject.robot)
-    e = forces.equations
-    F = ca.substitute([ca.vertcat(*[channel.value for channel in e.channels])], [e.p], [table.p])[0]
-    entries = tuple(zip(forces.names, forces.units, strict=True))
+    e, entries = forces.equations, tuple(zip(forces.names, forces.units, strict=True))
+    F = Output("F", ca.vertcat(*[channel.value for channel in e.channels]), entries)
     doc = "Forces in struts, joints and bearings; deltaid's docs/forces.md has frames and signs."
-    inputs = (Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd), table.array)
-    return ExportedFunction("constraint_forces", doc, inputs, (Output("F", F, entries),))
+    inputs = (Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd))
+    return _function(table, e.p, "constraint_forces", doc, inputs, F)
 
 
 def _passive_joints(subject: Model, table: ParameterTable) -> ExportedFunction:
@@ -216,8 +228,8 @@ def _passive_joints(subject: Model, table: ParameterTable) -> ExportedFunction:
 
 def _regressor(subject: Model, table: ParameterTable) -> ExportedFunction:
     e, layout = subject.dynamics.equations, subject.dynamics.layout
-    Y = ca.substitute([e.Y], [e.load], [ca.substitute([e.carried], [e.p], [table.p])[0]])[0]
-    inputs = (Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd), table.array)
+    Y = ca.substitute([e.Y], [e.load], [e.carried])[0]
+    inputs = (Array("z", e.z), Array("qd", e.qd), Array("qdd", e.qdd))
     losing = (
         " Losses that depend on load take the load of the table's parameters."
         if subject.robot.load_drives
@@ -225,7 +237,7 @@ def _regressor(subject: Model, table: ParameterTable) -> ExportedFunction:
     )
     doc = f"Y, row by row (a drive each): tau = Y p for any parameters p.{losing}"
     columns = tuple(zip(layout.names, layout.units, strict=True))
-    return ExportedFunction("regressor", doc, inputs, (Output("Y", Y, columns),))
+    return _function(table, e.p, "regressor", doc, inputs, Output("Y", Y, columns))
 
 
 _FURTHER: Mapping[str, Callable[[Model, ParameterTable], ExportedFunction]] = {

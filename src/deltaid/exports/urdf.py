@@ -15,7 +15,7 @@ related to the joint. URDF's roll, pitch and yaw are about fixed axes.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -27,7 +27,7 @@ from deltaid.errors import Doubt
 from deltaid.exports.looks import COLOURS, Ball, Rod, Shape, shapes, strut_radius
 from deltaid.exports.plain_friction import JointForces, joint_forces
 from deltaid.exports.text import Export, numbers, rendered_xml, xml_text
-from deltaid.exports.tree import ZERO, I, TreeBody, TreeJoint, X, spanning_tree
+from deltaid.exports.tree import ZERO, I, Tree, TreeBody, TreeJoint, X, spanning_tree
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
@@ -81,9 +81,24 @@ def urdf(subject: Model) -> Export:
     root.set("xmlns:drake", "http://drake.mit.edu")
     for rotor in root.iter("rotor_inertia"):
         rotor.tag = "drake:rotor_inertia"
-    masses = {link.get("name", ""): link.find("inertial/mass") for link in root.iter("link")}
+    loops = _loops(subject, tree, forces, home)
+    loops["drawn_joints"] = [f"{strut.name}_tilt" for strut, _ in pairs]
     empty = numbers(PLACEHOLDER[:1])
-    content = {
+    masses = {link.get("name", ""): link.find("inertial/mass") for link in root.iter("link")}
+    loops["placeholder_links"] = [
+        name for name, mass in masses.items() if mass is not None and mass.get("value") == empty
+    ]
+    written = xml_text(root, '<?xml version="1.0"?>\n', subject.provenance)
+    text = json.dumps(loops, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return Export({".urdf": written, ".loops.json": text}, _warnings(forces))
+
+
+def _loops(
+    subject: Model, tree: Tree, forces: Mapping[str, JointForces], home: Mapping[str, float]
+) -> dict[str, Any]:
+    """Closed loops, the home pose, and quantities that URDF lacks."""
+    robot = subject.robot
+    return {
         "robot": subject.name,
         "provenance": subject.provenance,
         "gravity": list(robot.gravity),
@@ -94,10 +109,8 @@ def urdf(subject: Model) -> Export:
         "following_joints": [
             {"joint": c.joint, "follows": c.follows, "ratio": c.ratio} for c in tree.couplings
         ],
-        "drawn_joints": [f"{strut.name}_tilt" for strut, _ in pairs],
-        "placeholder_links": [
-            name for name, mass in masses.items() if mass is not None and mass.get("value") == empty
-        ],
+        "drawn_joints": [],
+        "placeholder_links": [],
         "home": home,
         "armature": {joint: f.armature for joint, f in forces.items() if f.armature},
         "springs": {
@@ -106,9 +119,6 @@ def urdf(subject: Model) -> Export:
             if f.stiffness
         },
     }
-    loops = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    written = xml_text(root, '<?xml version="1.0"?>\n', subject.provenance)
-    return Export({".urdf": written, ".loops.json": loops}, _warnings(forces))
 
 
 def _chain(
