@@ -13,6 +13,7 @@ endstop triggers (p_i is the nozzle's height if all towers are equal),
 from importlib.metadata import version
 
 import numpy as np
+from jaxtyping import Float
 
 from deltaid.calibration.calibrate import Calibration
 from deltaid.calibration.outlook import drawn
@@ -50,24 +51,11 @@ def firmware_text(calibration: Calibration, firmware: str) -> tuple[str, float]:
     if not beds:
         what = "no bed was probed, so heights above it are not known"
         raise DeltaidError(what, where=robot.name, cure="give --probe")
-    (h, a, b), loops, n = beds[0], calibration.fit.loops, len(calibration.values)
-    q = drawn(loops.kinematics, loops.limbs)
-    x, slopes = loops.points(q, np.zeros(n))
-    J, arms = slopes.reshape(-1, n), x - x.mean(axis=0)
-    # A rotation that levels the bed; rotation about its normal and shifts along it are free.
-    level = np.cross([-b, a, 0.0], x).ravel()
-    plane = [np.tile(axis, len(arms)) for axis in np.eye(3)[:2]]
-    free = np.column_stack([*plane, np.cross([0.0, 0.0, 1.0], arms).ravel()])
-    G = np.zeros((n, 10))
-    G[known.of_kind("rail_out"), 0] = 1
-    for k, kind in enumerate(_KINDS):
-        G[known.of_kind(kind), 1 + 3 * k + np.arange(3)] = 1
-    A, target = np.column_stack([J @ G, free]), J @ calibration.values + level
-    fitted = np.linalg.lstsq(A, target, rcond=None)[0]
-    left = float(np.linalg.norm(target - A @ fitted) / np.sqrt(len(q)))
-    across, zero, strut = ((G @ fitted[:10])[known.of_kind(kind)] for kind in _KINDS)
+    h, *tilt = beds[0]
+    (radius_change, *numbers), left = _fitted(calibration, *tilt)
+    across, zero, strut = np.reshape(numbers, (3, len(limbs)))
     joints = np.array([limb.base - limb.attachment for limb in limbs])
-    radius = float(np.mean(np.linalg.norm(joints[:, :2], axis=1)) + fitted[0])
+    radius = float(np.mean(np.linalg.norm(joints[:, :2], axis=1)) + radius_change)
     rods, corrections = (
         np.array([limb.strut for limb in limbs]) + strut,
         np.rad2deg(across / radius),
@@ -86,3 +74,26 @@ def firmware_text(calibration: Calibration, firmware: str) -> tuple[str, float]:
         reach=float(np.abs(robot.workspace.bounding_box[:, :2]).max()),
     )
     return text, left
+
+
+def _fitted(
+    calibration: Calibration, a: float, b: float
+) -> tuple[Float[np.ndarray, " numbers"], float]:
+    """Radius, then rail_across, zero and strut of each tower, that come nearest to the calibrated
+    positions over the workspace, and the residual [m]; a and b are the slopes of the bed."""
+    loops, known, n = calibration.fit.loops, calibration.known, len(calibration.values)
+    q = drawn(loops.kinematics, loops.limbs)
+    x, slopes = loops.points(q, np.zeros(n))
+    J, arms = slopes.reshape(-1, n), x - x.mean(axis=0)
+    # A rotation that levels the bed; rotation about its normal and shifts along it are free.
+    level = np.cross([-b, a, 0.0], x).ravel()
+    plane = [np.tile(axis, len(arms)) for axis in np.eye(3)[:2]]
+    free = np.column_stack([*plane, np.cross([0.0, 0.0, 1.0], arms).ravel()])
+    G = np.zeros((n, 10))
+    G[known.of_kind("rail_out"), 0] = 1
+    for k, kind in enumerate(_KINDS):
+        G[known.of_kind(kind), 1 + 3 * k + np.arange(3)] = 1
+    A, target = np.column_stack([J @ G, free]), J @ calibration.values + level
+    fitted = np.linalg.lstsq(A, target, rcond=None)[0]
+    left = float(np.linalg.norm(target - A @ fitted) / np.sqrt(len(q)))
+    return fitted[:10], left
