@@ -7,8 +7,9 @@ import numpy as np
 
 from deltaid.dynamics.joint_columns import JointMotion, columns_of_drives
 from deltaid.model.model import Model
+from deltaid.online.even_rows import even_rows
 from deltaid.online.graph import CycleFields, Field, Layout, all_finite, chosen, only_if
-from deltaid.online.instant import even_rows, inputs_of, instant, line, pose, waits
+from deltaid.online.instant import inputs_of, instant, line, pose, waits
 from deltaid.online.momentum import Lowpass, Momentum, build_momentum
 from deltaid.online.settings import OnlineKnowledge, OnlineSettings
 
