@@ -162,7 +162,7 @@ def test_a_gripper_that_tells_early() -> None:
 UNSEEN = Offset(0.0, 0.0, 9, 0)
 NOTHING = RunEvidence(
     gain=np.ones(3), deviation=np.full(3, 0.01), touched=1.0, untouched=99.0, touched_empty=0.0,
-    empty=50.0, told=frozenset({EMPTY, HOLDS}), taken=UNSEEN, left=UNSEEN,
+    empty=50.0, signals=frozenset({EMPTY, HOLDS}), taken=UNSEEN, released=UNSEEN,
     stuck=np.zeros(3), stuck_at=np.zeros(3),
 )  # fmt: skip
 
@@ -195,7 +195,7 @@ def test_signals_that_are_early_or_late_are_timed(off: float) -> None:
         assert timed.low - 6e-3 < off < timed.high + 6e-3
         assert timed.high - timed.low < 0.03
     assert taken.signals + left.signals == 39
-    (doubt,) = gripper_doubts(replace(NOTHING, taken=taken, left=left), [load()], 0.0)
+    (doubt,) = gripper_doubts(replace(NOTHING, taken=taken, released=left), [load()], 0.0)
     assert f" ms {'before' if off > 0 else 'after'} loads are taken, and left" in doubt
     assert ("--grip-time" in doubt) == (off > 0)
 
@@ -203,23 +203,23 @@ def test_signals_that_are_early_or_late_are_timed(off: float) -> None:
 @pytest.mark.parametrize("way", [1, -1])
 def test_a_signal_at_the_end_of_the_search_may_be_farther_off(way: int) -> None:
     low, high = sorted((0.17 * way, 0.195 * way))
-    (doubt,) = gripper_doubts(replace(NOTHING, left=Offset(low, high, 9, 8)), [load()], 0.0)
+    (doubt,) = gripper_doubts(replace(NOTHING, released=Offset(low, high, 9, 8)), [load()], 0.0)
     assert f"signals at least 170 ms {'before' if way > 0 else 'after'} loads are left" in doubt
 
 
 def test_signals_in_time_are_not_doubted() -> None:
     found = timing(0.0)
     assert found.offset(taken=True).low == found.offset(taken=False).high == 0.0
-    known = replace(NOTHING, taken=Offset(0.04, 0.06, 9, 8), left=Offset(0.045, 0.049, 9, 8))
+    known = replace(NOTHING, taken=Offset(0.04, 0.06, 9, 8), released=Offset(0.045, 0.049, 9, 8))
     assert not list(gripper_doubts(known, [load()], 0.05))
 
 
 def test_a_gripper_that_never_changes_or_closes_on_nothing() -> None:
-    (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({EMPTY})), [], 0.0)
+    (doubt,) = gripper_doubts(replace(NOTHING, signals=frozenset({EMPTY})), [], 0.0)
     assert "signals empty from the first row to the last" in doubt
-    (doubt,) = gripper_doubts(replace(NOTHING, told=frozenset({HOLDS})), [load()], 0.0)
+    (doubt,) = gripper_doubts(replace(NOTHING, signals=frozenset({HOLDS})), [load()], 0.0)
     assert "something held from the first row" in doubt
-    always = replace(NOTHING, told=frozenset({HOLDS}))
+    always = replace(NOTHING, signals=frozenset({HOLDS}))
     assert not list(gripper_doubts(always, [load()], 0.0, is_column=False))
     (doubt,) = gripper_doubts(NOTHING, [load(0.0), load(0.0), load()], 0.0)
     assert "closed without a part" in doubt

@@ -47,24 +47,24 @@ def doubts(
     model: Model,
     replay: Replay,
     settings: OnlineSettings,
-    seen: RunEvidence,
+    run: RunEvidence,
     loads: Sequence[WeighedLoad],
     touches: Sequence[Touch],
 ) -> tuple[Doubt, ...]:
     """All doubts, those about the recording first."""
-    of_rows, of_run = tuple(_of_rows(replay, settings, seen)), list[Doubt]()
+    of_rows, of_run = tuple(_of_rows(replay, settings, run)), list[Doubt]()
     # Useless rows, torques that are too small, and a wrong gripper's signal all look like
     # weightless loads, or like a wrong model.
     if not any(doubt.key in _BLIND for doubt in of_rows):
-        scale = list(_of_scale(replay, seen))
-        if replay.has_gripper and (not scale or 1 < seen.common[0] < _FAR):
+        scale = list(_of_scale(replay, run))
+        if replay.has_gripper and (not scale or 1 < run.common[0] < _FAR):
             by_column = any(load.column for load in replay.log.columns.loads)
-            of_run += gripper_doubts(seen, loads, settings.grip_time, is_column=by_column)
+            of_run += gripper_doubts(run, loads, settings.grip_time, is_column=by_column)
         if not of_run:
             delay = np.array(replay.delay if settings.delay is None else settings.delay)
             delay = np.broadcast_to(delay, (len(replay.delay),))
             of_run += judged_lag(model, _carrying(replay, loads), delay)
-            of_run += scale or _of_contacts(seen, () if of_run else touches)
+            of_run += scale or _of_contacts(run, () if of_run else touches)
     return (*replay.doubts, *of_rows, *(of_run or _too_heavy(settings, loads)))
 
 
@@ -76,7 +76,7 @@ def _carrying(replay: Replay, loads: Sequence[WeighedLoad]) -> Log:
     return replace(log, columns=replace(log.columns, loads=(Load(spans=spans),)))
 
 
-def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Iterator[Doubt]:
+def _of_rows(replay: Replay, settings: OnlineSettings, run: RunEvidence) -> Iterator[Doubt]:
     drives = replay.log.columns.torque
     if replay.log.rate < _SLOW:
         yield Doubt(
@@ -86,10 +86,10 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
             cure="record at the controller's rate, 1000 a second is good",
             key="rate",
         )
-    for i in np.flatnonzero(seen.stuck > _STUCK).tolist():
+    for i in np.flatnonzero(run.stuck > _STUCK).tolist():
         yield Doubt(
-            f"column {drives[i].column} stays the same for {seen.stuck[i]:.3g} s from "
-            f"{seen.stuck_at[i]:.4g} s on, while its drive moves: contacts and masses from there "
+            f"column {drives[i].column} stays the same for {run.stuck[i]:.3g} s from "
+            f"{run.stuck_at[i]:.4g} s on, while its drive moves: contacts and masses from there "
             "on are none",
             cause="the logger or the bus lost this channel",
             cure="leave these rows out",
@@ -115,6 +115,11 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
             cure="raise the channel's range, or move more gently",
             key="saturation",
         )
+    yield from _of_motion(replay, settings)
+
+
+def _of_motion(replay: Replay, settings: OnlineSettings) -> Iterator[Doubt]:
+    """Doubts about brakes, rest and coarse positions."""
     if (share := replay.share("on brakes", "emergency stop")) > 0:
         yield Doubt(
             f"brakes hold the robot in {percent(share)} of the rows: these are not used",
@@ -141,9 +146,9 @@ def _of_rows(replay: Replay, settings: OnlineSettings, seen: RunEvidence) -> Ite
         )
 
 
-def _of_contacts(seen: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]:
-    share = seen.touched / max(seen.touched + seen.untouched, 1e-9)
-    if share > _ALWAYS and seen.touched > LONGEST:
+def _of_contacts(run: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]:
+    share = run.touched / max(run.touched + run.untouched, 1e-9)
+    if share > _ALWAYS and run.touched > LONGEST:
         yield Doubt(
             f"torques are beyond what the model may lack for {percent(share)} of the time, which "
             "is no contact: the model and this recording do not belong together",
@@ -162,15 +167,15 @@ def _of_contacts(seen: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]
         )
 
 
-def _of_scale(replay: Replay, seen: RunEvidence) -> Iterator[Doubt]:
-    (common, deviation), drives = seen.common, replay.log.columns.torque
+def _of_scale(replay: Replay, run: RunEvidence) -> Iterator[Doubt]:
+    (common, deviation), drives = run.common, replay.log.columns.torque
     most = 0.0 if replay.has_gripper else _UNSIGNALLED  # an undetected load makes torques larger
-    apart = np.abs(seen.gain - common) > np.maximum(_COMMON, SURE * seen.deviation)
-    gains, sure = np.append(seen.gain, common), np.append(seen.deviation, deviation)
+    apart = np.abs(run.gain - common) > np.maximum(_COMMON, SURE * run.deviation)
+    gains, sure = np.append(run.gain, common), np.append(run.deviation, deviation)
     least = np.append([_GAIN] * len(drives), _COMMON)
     *each, alike = np.maximum(1.0 - gains, gains - 1.0 - most) > np.maximum(least, SURE * sure)
-    bad = np.flatnonzero(each & (seen.deviation < _GAIN)).tolist()
-    which = listed([f"{drives[i].column} is {seen.gain[i]:.3g} times" for i in bad])
+    bad = np.flatnonzero(each & (run.deviation < _GAIN)).tolist()
+    which = listed([f"{drives[i].column} is {run.gain[i]:.3g} times" for i in bad])
     if alike and not apart.any():
         which = f"torques of all drives are {common:.3g} times"
     if not which:
@@ -197,7 +202,7 @@ def _too_heavy(settings: OnlineSettings, loads: Sequence[WeighedLoad]) -> Iterat
 
 
 def gripper_doubts(
-    seen: RunEvidence, loads: Sequence[WeighedLoad], grip_time: float, *, is_column: bool = True
+    run: RunEvidence, loads: Sequence[WeighedLoad], grip_time: float, *, is_column: bool = True
 ) -> Iterator[Doubt]:
     """Doubts about the gripper's signal.
 
@@ -205,8 +210,8 @@ def gripper_doubts(
         grip_time: known time from the signal to the load [s].
         is_column: whether the signal is a column, which should change.
     """
-    if is_column and (seen.told <= {EMPTY} or seen.told <= {HOLDS}):
-        what = "empty" if EMPTY in seen.told else "something held"
+    if is_column and (run.signals <= {EMPTY} or run.signals <= {HOLDS}):
+        what = "empty" if EMPTY in run.signals else "something held"
         yield Doubt(
             f"the gripper signals {what} from the first row to the last",
             cause="the column is not the gripper's, or was not recorded",
@@ -216,14 +221,14 @@ def gripper_doubts(
         return
     nothing = sum(load.mass.low <= 0 for load in loads)
     weightless = bool(loads) and median_low(load.mass.low for load in loads) <= 0
-    if weightless and seen.touched_empty > _ALWAYS * seen.empty:
+    if weightless and run.touched_empty > _ALWAYS * run.empty:
         yield Doubt(
             f"{nothing} of {len(loads)} loads weigh nothing, and torques are beyond the model for "
-            f"{seen.touched_empty:.3g} s while the gripper signals nothing held",
+            f"{run.touched_empty:.3g} s while the gripper signals nothing held",
             cause="the signal is 0 while something is held, and 1 while not",
             cure="give the numbers that mean held in a mapping, load: {column: …, when: [0]}",
         )
-    elif apart := tuple(_apart(seen, grip_time)):
+    elif apart := tuple(_apart(run, grip_time)):
         yield from apart
     elif weightless:
         yield Doubt(
@@ -233,8 +238,8 @@ def gripper_doubts(
         )
 
 
-def _apart(seen: RunEvidence, grip_time: float) -> Iterator[Doubt]:
-    kinds = {"are taken": seen.taken, "are left": seen.left}
+def _apart(run: RunEvidence, grip_time: float) -> Iterator[Doubt]:
+    kinds = {"are taken": run.taken, "are left": run.released}
     shown = {word: offset for word, offset in kinds.items() if offset.low or offset.high}
     # Least offset of each kind from the known time.
     least = {w: np.clip(grip_time, o.low, o.high) - grip_time for w, o in shown.items()}

@@ -95,16 +95,16 @@ class Loads:
     """Collector of held loads, one after the other.
 
     Args:
-        told: whether the gripper's signal is known; if not, loads that are too small or too brief
-            are dropped.
+        has_gripper: whether the gripper's signal is known; if not, loads that are too small or too
+            brief are dropped.
     """
 
-    def __init__(self, online: Online, told: bool) -> None:
-        self._told, self._least = told, online.known.least_mass
+    def __init__(self, online: Online, has_gripper: bool) -> None:
+        self._has_gripper, self._least = has_gripper, online.known.least_mass
         self._scales, self._names = np.array(online.known.load_scales), online.known.entries.names
         self._units = [INERTIA_UNITS[INERTIA_NAMES.index(name)] for name in self._names]
         self._positive = np.isin(self._names, ("m", "Ixx", "Iyy", "Izz"))
-        self._found: list[WeighedLoad] = []
+        self._finished: list[WeighedLoad] = []
         self._begin(None)
 
     def _begin(self, start: float | None) -> None:
@@ -113,30 +113,30 @@ class Loads:
         self._soon: tuple[float, float, float] | None = None
         self._known = self._last
 
-    def add(self, time: Times, found: OnlineEstimate) -> None:
+    def add(self, time: Times, estimate: OnlineEstimate) -> None:
         """Add the estimates of consecutive cycles."""
         begin = 0
-        for k in np.flatnonzero(found.changed).tolist():
-            self._hold(time, found, slice(begin, k))
+        for k in np.flatnonzero(estimate.changed).tolist():
+            self._hold(time, estimate, slice(begin, k))
             begin, start = k, float(time[k])
-            if self._start is not None and found.held[k] and start - self._start < _DELAY:
+            if self._start is not None and estimate.held[k] and start - self._start < _DELAY:
                 start = self._start  # the same load, better determined
                 self._begin(None)
             self.close(float(time[k]))
-            self._begin(start if found.held[k] else None)
-        self._hold(time, found, slice(begin, len(time)))
+            self._begin(start if estimate.held[k] else None)
+        self._hold(time, estimate, slice(begin, len(time)))
 
-    def _hold(self, time: Times, found: OnlineEstimate, rows: slice) -> None:
+    def _hold(self, time: Times, estimate: OnlineEstimate, rows: slice) -> None:
         time = time[rows]
         if self._start is None or not len(time):
             return
-        now = np.column_stack([time, found.load[rows], found.load_std[rows]])
+        now = np.column_stack([time, estimate.load[rows], estimate.load_std[rows]])
         last, since = np.concatenate([self._last, now]), time - self._start
         self._last = last[last[:, 0] >= time[-1] - _DELAY]
-        self._known = self._last[-1 if self._told or since[-1] < 2 * _DELAY else 0]
+        self._known = self._last[-1 if self._has_gripper or since[-1] < 2 * _DELAY else 0]
         if self._soon is None and since[-1] >= SOON:
             k = rows.start + int(np.argmax(since >= SOON - 1e-9))
-            self._soon = (float(found.mass[k]), *found.mass_interval[k].tolist())
+            self._soon = (float(estimate.mass[k]), *estimate.mass_interval[k].tolist())
 
     def close(self, end: float | None = None) -> None:
         """End the load at a time [s]; None if unknown, as at a gap."""
@@ -146,32 +146,32 @@ class Loads:
             return
         values, half = np.split(known[1:], 2) * np.array([[1.0], [NORMAL]])
         brief = end is not None and end - start < _DELAY
-        if not self._told and (brief or values[0] < self._least):
+        if not self._has_gripper and (brief or values[0] < self._least):
             return
         low, shown = values - half, half < _SHOWN * self._scales * values[0] / self._scales[0]
         low[self._positive], shown[0] = np.maximum(low[self._positive], 0.0), True
         columns = (part.tolist() for part in (values, low, values + half, shown))
         entries = tuple(map(LoadEntry, self._names, self._units, *columns))
-        self._found.append(WeighedLoad(start, end, soon, entries))
+        self._finished.append(WeighedLoad(start, end, soon, entries))
 
     def finished(self) -> tuple[WeighedLoad, ...]:
         """End the last load, and return all of them."""
         self.close()
-        return tuple(self._found)
+        return tuple(self._finished)
 
 
 class Touches:
     """Collector of contacts, one after the other."""
 
     def __init__(self, robot: RobotDescription) -> None:
-        self._drives, self._found = robot.drives, list[Touch]()
+        self._drives, self._finished = robot.drives, list[Touch]()
         self._votes: np.ndarray | None = None  # for places; None without a contact
         self._start = self._end = 0.0
         self._most: tuple[float, np.ndarray, np.ndarray] | None = None
 
-    def add(self, time: Times, found: OnlineEstimate) -> None:
+    def add(self, time: Times, estimate: OnlineEstimate) -> None:
         """Add the estimates of consecutive cycles."""
-        out = found.outputs
+        out = estimate.outputs
         for k in np.flatnonzero(out["contact"][:, 0] > 0.5):
             instant, size = float(time[k]), float(out["contact_size"][k, 0])
             if self._votes is None or instant - self._end > _APART:
@@ -189,10 +189,10 @@ class Touches:
             place = self._drives[limb - 1] if limb else "platform"
             pushed = None if limb else tuple(force.tolist())
             turned = float(effort[limb - 1]) if limb else None
-            self._found.append(Touch(self._start, self._end, place, pushed, turned, size))
+            self._finished.append(Touch(self._start, self._end, place, pushed, turned, size))
         self._votes = self._most = None
 
     def finished(self) -> tuple[Touch, ...]:
         """End the last contact, and return all of them."""
         self.close()
-        return tuple(self._found)
+        return tuple(self._finished)

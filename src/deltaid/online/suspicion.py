@@ -73,7 +73,7 @@ class GripTiming:
 
     def add(
         self,
-        told: Float[np.ndarray, " rows"],
+        gripper: Float[np.ndarray, " rows"],
         residual: Float[np.ndarray, "rows drives"],
         lifted: Float[np.ndarray, "rows drives"],
         lacking: Float[np.ndarray, "rows drives"],
@@ -81,14 +81,14 @@ class GripTiming:
         """Add consecutive cycles to the sums.
 
         Args:
-            told: the gripper's signal.
+            gripper: the gripper's signal.
             residual: ρ.
             lifted: ψ.
             lacking: size of unmodelled torques, undetermined friction included.
         """
         # Torques with the memory T are independent after 2 T.
         W = self._period / (2 * UNMODELLED) / lacking**2
-        rows = np.column_stack([told, (residual * W * lifted).sum(1), (W * lifted**2).sum(1)])
+        rows = np.column_stack([gripper, (residual * W * lifted).sum(1), (W * lifted**2).sum(1)])
         self._rows = np.concatenate([self._rows, rows])
         self._evaluate(last=False)
 
@@ -153,8 +153,8 @@ class RunEvidence:
         touched, untouched: seconds with and without a contact.
         touched_empty, empty: seconds with a contact, and in total, while the gripper signalled
             empty.
-        told: all values of the gripper's signal.
-        taken, left: lead of the gripper's signals when loads are taken and released.
+        signals: all values of the gripper's signal.
+        taken, released: lead of the gripper's signals when loads are taken and released.
         stuck: longest time of a constant torque of each moving drive [s].
         stuck_at: when that began [s].
     """
@@ -165,9 +165,9 @@ class RunEvidence:
     untouched: float
     touched_empty: float
     empty: float
-    told: frozenset[float]
+    signals: frozenset[float]
     taken: Offset
-    left: Offset
+    released: Offset
     stuck: Float[np.ndarray, " drives"]
     stuck_at: Float[np.ndarray, " drives"]
 
@@ -179,7 +179,7 @@ class RunEvidence:
 
 
 class Suspicion:
-    """Running sums: `add` consecutive cycles, then read `seen`.
+    """Running sums: `add` consecutive cycles, then read `evidence`.
 
     Args:
         period: of a cycle [s].
@@ -191,27 +191,27 @@ class Suspicion:
         self, period: float, ends: tuple[float, ...], lacking: Float[np.ndarray, " drives"]
     ) -> None:
         self._period, self._ends, self._lacking = period, np.array(ends), lacking
-        self._timing, self._told = GripTiming(period), set[float]()
+        self._timing, self._signals = GripTiming(period), set[float]()
         self._sums, self._seconds = [np.zeros((0, len(ends), 4, 4))], np.zeros(4)
         self._stuck, self._stuck_at = np.zeros((2, len(ends)))
 
-    def add(self, rows: Cycles, found: OnlineEstimate) -> None:
+    def add(self, rows: Cycles, estimate: OnlineEstimate) -> None:
         """Add consecutive cycles to the sums."""
-        out = found.outputs
+        out = estimate.outputs
         if rows.begins:
             self._timing.broken()
         lacking = np.hypot(self._lacking, out["dry_friction"])
-        self._timing.add(rows.gripper, found.residual, out["lifted"], lacking)
-        live = found.good & (out["torque"] != 0).any(axis=1)
+        self._timing.add(rows.gripper, estimate.residual, out["lifted"], lacking)
+        live = estimate.good & (out["torque"] != 0).any(axis=1)
         cut = np.any(np.abs(rows.tau) >= 0.999 * self._ends, axis=1)
         memory = np.ones(max(1, round(UNMODELLED / self._period)))
         cut = np.convolve(cut, memory)[: len(rows.time)] > 0.5
-        empty = live & ~found.held & (rows.gripper < HOLDS) & ~cut
+        empty = live & ~estimate.held & (rows.gripper < HOLDS) & ~cut
         touched, free = live & (out["contact"][:, 0] > 0.5), live & (rows.gripper == EMPTY)
         parts = np.stack([touched, live & ~touched, touched & free, free])
         self._seconds += self._period * parts.sum(axis=1)
-        self._told.update(np.unique(rows.gripper).tolist())
-        m = out["torque"] - found.residual - out["rubs"]
+        self._signals.update(np.unique(rows.gripper).tolist())
+        m = out["torque"] - estimate.residual - out["rubs"]
         model = m + out["rubs"]
         rate = np.gradient(model, self._period, axis=0) if len(model) > 1 else np.zeros_like(model)
         columns = np.stack([m, out["rubs"], rate, out["torque"]], axis=2) * empty[:, None, None]
@@ -233,15 +233,15 @@ class Suspicion:
                     self._stuck_at[i] = rows.time[start]
 
     @property
-    def seen(self) -> RunEvidence:
+    def evidence(self) -> RunEvidence:
         """Evidence of all cycles."""
         self._timing.broken()
-        taken, left = (self._timing.offset(taken=kind) for kind in (True, False))
+        taken, released = (self._timing.offset(taken=kind) for kind in (True, False))
         gain, deviation = _gain(np.concatenate(self._sums))
         touched, untouched, touched_empty, empty = self._seconds.tolist()
         return RunEvidence(
-            gain, deviation, touched, untouched, touched_empty, empty, frozenset(self._told),
-            taken, left, self._stuck, self._stuck_at,
+            gain, deviation, touched, untouched, touched_empty, empty, frozenset(self._signals),
+            taken, released, self._stuck, self._stuck_at,
         )  # fmt: skip
 
 
@@ -256,5 +256,5 @@ def _gain(
     sizes = size[:, :, None] * size[:, None, :]
     inverse = np.linalg.pinv(total / sizes, hermitian=True) / sizes
     x = np.einsum("dij,dj->di", inverse, b.sum(axis=0))
-    left = b - np.einsum("pdij,dj->pdi", A, x)
-    return x[:, 0], np.sqrt(np.sum(np.einsum("dj,pdj->pd", inverse[:, 0], left) ** 2, axis=0))
+    residual = b - np.einsum("pdij,dj->pdi", A, x)
+    return x[:, 0], np.sqrt(np.sum(np.einsum("dj,pdj->pd", inverse[:, 0], residual) ** 2, axis=0))

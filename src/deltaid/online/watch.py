@@ -1,7 +1,7 @@
 """Run a recording through online estimation, cycle by cycle."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +17,10 @@ from deltaid.online.doubts import doubts
 from deltaid.online.events import Loads, Touch, Touches, WeighedLoad
 from deltaid.online.instant import waits
 from deltaid.online.online import Online, OnlineEstimate
-from deltaid.online.replay import Replay
+from deltaid.online.replay import Cycles, Replay
 from deltaid.online.settings import IDENTIFY_FIRST, OnlineSettings
 from deltaid.online.suspicion import Suspicion, measured_of
+from deltaid.progress import Progress
 from deltaid.robot.description import RobotDescription
 
 # Largest number of rows of a series; longer recordings are thinned out.
@@ -53,7 +54,7 @@ class Watched:
         cycles: number of cycles.
         bad: number of cycles that were not used.
         rate: of cycles [Hz].
-        told: whether the gripper's signal is known.
+        has_gripper: whether the gripper's signal is known.
         false_alarms: accepted rate [1/h].
         loads, touches, friction: detected loads and contacts, followed friction.
         best, worst: smallest force on the platform that is detected in 95 % of cases [N], the
@@ -72,7 +73,7 @@ class Watched:
     cycles: int
     bad: int
     rate: float
-    told: bool
+    has_gripper: bool
     false_alarms: float
     loads: tuple[WeighedLoad, ...]
     touches: tuple[Touch, ...]
@@ -88,7 +89,7 @@ def watch(
     model: Model,
     replay: Replay,
     settings: OnlineSettings,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> Watched:
     """Run a recording through online estimation.
 
@@ -107,32 +108,26 @@ def watch(
             where=model.source,
             cure=IDENTIFY_FIRST,
         )
-    settings, told = replay.settings(settings), replay.has_gripper
+    settings, has_gripper = replay.settings(settings), replay.has_gripper
     online = Online(model, settings, more=(measured_of,))
     late = waits(model, settings).whole * settings.period
-    loads, touches = Loads(online, told), Touches(model.robot)
+    loads, touches = Loads(online, has_gripper), Touches(model.robot)
     suspicion = Suspicion(settings.period, replay.ends, online.known.unmodelled)
     every = max(1, -(-replay.log.samples // _SERIES))
     parts, cycles, bad, seconds = list[pl.DataFrame](), 0, 0, 0.0
-    q = np.zeros((1, model.dynamics.dof))  # compiles
-    online.run(q, q if replay.has_velocity else None, q)
-    for rows in replay.rows():
-        progress(f"{rows.time[0]:.0f} s of {replay.log.path.name}")
+    for rows, estimate, spent in _estimates(online, replay, progress):
         if rows.begins:
-            online.reset()
             loads.close()
             touches.close()
-        begin = time.process_time()
-        found = online.run(rows.q, rows.qd, rows.tau, rows.gripper, rows.elapsed)
-        seconds += time.process_time() - begin
+        seconds += spent
         cycles += len(rows.time)
-        bad += int(np.sum(~found.good))
+        bad += int(np.sum(~estimate.good))
         time_ = rows.time - late
         events = np.maximum(time_, rows.time[0]) if rows.begins else time_  # loads held before
         for part in (loads, touches):
-            part.add(events, found)
-        suspicion.add(rows, found)
-        parts.append(_thinned(online, time_, found, every, told))
+            part.add(events, estimate)
+        suspicion.add(rows, estimate)
+        parts.append(_thinned(online, time_, estimate, every, has_gripper=has_gripper))
     progress("judging what speaks against it")
     series, held, pushes = pl.concat(parts), loads.finished(), touches.finished()
     best, worst = series.select("least_force_best", "least_force_worst").to_numpy().T
@@ -143,7 +138,7 @@ def watch(
         cycles=cycles,
         bad=bad,
         rate=replay.log.rate,
-        told=told,
+        has_gripper=has_gripper,
         false_alarms=settings.false_alarms,
         loads=held,
         touches=pushes,
@@ -152,28 +147,47 @@ def watch(
         worst=float(np.median(worst[finite])),
         seconds=seconds / max(cycles, 1),
         series=series,
-        doubts=doubts(model, replay, settings, suspicion.seen, held, pushes),
+        doubts=doubts(model, replay, settings, suspicion.evidence, held, pushes),
     )
 
 
+def _estimates(
+    online: Online, replay: Replay, progress: Progress
+) -> Iterator[tuple[Cycles, OnlineEstimate, float]]:
+    """Blocks of cycles with their estimates, and the processor time that each took [s]."""
+    q = np.zeros((1, online.model.dynamics.dof))  # compiles
+    online.run(q, q if replay.has_velocity else None, q)
+    for rows in replay.rows():
+        progress(f"{rows.time[0]:.0f} s of {replay.log.path.name}")
+        if rows.begins:
+            online.reset()
+        begin = time.process_time()
+        estimate = online.run(rows.q, rows.qd, rows.tau, rows.gripper, rows.elapsed)
+        yield rows, estimate, time.process_time() - begin
+
+
 def _thinned(
-    online: Online, time: Float[np.ndarray, " rows"], found: OnlineEstimate, every: int, told: bool
+    online: Online,
+    time: Float[np.ndarray, " rows"],
+    estimate: OnlineEstimate,
+    every: int,
+    has_gripper: bool,
 ) -> pl.DataFrame:
     """Every n-th cycle; contacts are taken at the largest residual since the previous row."""
-    out, size, count = found.outputs, found.outputs["contact_size"][:, 0], len(time)
+    out, size, count = estimate.outputs, estimate.outputs["contact_size"][:, 0], len(time)
     ends = np.minimum(np.arange(every - 1, max(count, every), every), count - 1)
     spans = zip([0, *(ends[:-1] + 1)], ends, strict=True)
     peak = np.array([a + size[a : b + 1].argmax() for a, b in spans])
-    force, interval = out["contact_force"][peak], found.mass_interval[ends]
+    force, interval = out["contact_force"][peak], estimate.mass_interval[ends]
     A = out["contact_information"][ends].reshape(len(ends), *2 * force.shape[1:])
-    settings, dof = online.settings, found.residual.shape[1]
+    settings, dof = online.settings, estimate.residual.shape[1]
     best, worst = least_force(A, threshold(settings.false_alarms, settings.corner, dof))
-    if not told:  # an unsignalled load may hide a vertical push of its weight
+    if not has_gripper:  # an unsignalled load may hide a vertical push of its weight
         worst = worst + GRAVITY * online.known.load_scales[0]
     columns = {
         "t": time[ends],
-        "held": found.held[ends].astype(float),
-        "mass": found.mass[ends],
+        "held": estimate.held[ends].astype(float),
+        "mass": estimate.mass[ends],
         "mass_low": interval[:, 0],
         "mass_high": interval[:, 1],
         "contact_size": size[peak],

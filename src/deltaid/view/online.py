@@ -35,7 +35,11 @@ def online_page(watched: Watched, title: str) -> Page:
         title=watched.robot.title or watched.robot.name,
         subtitle=f"Run through cycle by cycle: {title}",
         facts=(
-            Fact("loads", str(len(watched.loads)), "by the gripper" if watched.told else "found"),
+            Fact(
+                "loads",
+                str(len(watched.loads)),
+                "by the gripper" if watched.has_gripper else "found",
+            ),
             Fact("contacts", str(len(watched.touches))),
             Fact(
                 "smallest force detected",
@@ -157,7 +161,7 @@ def _over_time(
 
 def loads_table(watched: Watched) -> Table:
     last = watched.loads[-1:]
-    by = "by the gripper's signal" if watched.told else "found from torques alone"
+    by = "by the gripper's signal" if watched.has_gripper else "found from torques alone"
     return Table(
         ("taken [s]", "left [s]", "mass [kg]", "95 %", "after 0.2 s [kg]", "centre [mm]"),
         tuple(_load(load, "held still" if load in last else "a hole") for load in watched.loads),
@@ -221,7 +225,7 @@ def result_lines(watched: Watched) -> tuple[str, ...]:
         f"Smallest detected force on the platform: {number(watched.best, 2)} N along the best "
         f"direction, {number(watched.worst, 2)} N along the worst (95 % of cases, "
         f"{_at_most(watched)}).",
-        *(() if watched.told else (_UNTOLD,)),
+        *(() if watched.has_gripper else (_UNTOLD,)),
         *((bad,) if watched.bad else ()),
         f"{watched.cycles} cycles at {watched.rate:.5g} Hz, {1e6 * watched.seconds:.2g} µs each",
     )
