@@ -104,43 +104,18 @@ def signals(
     # Until loops close, Newton's method continues from its last pose, or from home.
     begun = chosen(all_finite(z), z, ca.SX(home))
     fields.following["z"], fields.spoilt["z"] = z, chosen(finite, begun, near)
-    momentum, D = _columns(model, known, settings)
-    load = _carried(model, qd, tau)
-    along = ca.Function(
-        "columns",
-        [momentum.z, momentum.qd, momentum.load],
-        [momentum.H @ D, momentum.W @ D, ca.substitute(momentum.dry, momentum.p, ca.SX(model.p))],
-    )
-    parts = along(z, qd, load)
-    # Friction that many gears have and few models: more at low speed, and with the gears' load.
-    # Each is the same share in all drives.
-    slow = (qd / ca.SX(known.slow_speed)) ** 2
-    sign = qd / ca.sqrt(qd * qd + settings.rest_speed**2)
-    falling = known.unmodelled_slow * sign * ca.exp(-slow)
-    lacked = ca.horzcat(falling, _CARRIED * sign * ca.fabs(load))
-    parts = [ca.horzcat(parts[0], ca.SX(*lacked.shape)), ca.horzcat(parts[1], lacked), parts[2]]
+    torques = _torques(model, known, settings, z, qd, tau)
+    parts, along, momentum = torques.parts, torques.along, torques.momentum
     computed = ca.logic_and(*(all_finite(ca.vertcat(p.nz[:], tau)) for p in parts[:2]))
     good = ca.logic_and(finite, ca.logic_and(closed, computed))
     of_momentum, rest, dry = (only_if(good, part) for part in parts)
     qd, tau = only_if(good, qd), only_if(good, tau)
     live = ca.logic_and(count >= needed, good)
     begins = ca.logic_or(anew, ca.logic_not(live))
-    lines = Lowpass.lines(settings.corner, settings.period)
+    filters = _Filters(fields, begins, Lowpass.lines(settings.corner, settings.period))
+    filtered, steady, lines = filters.filtered, filters.steady, filters.lines
     holds = settings.torque == "held" and settings.speed == "measured"
     of_torque = Lowpass.held(settings.corner, settings.period) if holds else lines
-
-    def filtered(name: str, x: ca.SX, resting: ca.SX, lowpass: Lowpass = lines) -> ca.SX:
-        """x through a filter; `resting` is its state where it begins anew."""
-        shape = x.sparsity()
-        (before,) = fields.keep(Field(name, shape.nnz(), f"filter of {name}"))
-        y = lowpass.output(ca.SX(shape, before), x)
-        kept, resting = (ca.project(k, shape).nz[:] for k in (lowpass.keep(y, x), resting))
-        fields.following[name] = chosen(begins, resting, kept)
-        return y
-
-    def steady(name: str, x: ca.SX) -> ca.SX:
-        return filtered(name, x, lines.keep(x, x))
-
     torque = filtered("torque", tau, of_torque.before * tau, of_torque)
     of_momentum *= settings.corner
     x = of_momentum - rest
@@ -148,14 +123,14 @@ def signals(
     both = only_if(live, ca.horzcat(torque - columns[:, 0], columns[:, 1:]))
     smooth, beyond = filtered("smooth", both, ca.SX(*both.shape)), _beyond(model, tau, settings)
     # (1 − sign²)² of friction: a slowly moving drive has a direction.
-    at_stand = only_if(good, along(z, ca.SX.zeros(dof), load)[2])
+    at_stand = only_if(good, along(z, ca.SX.zeros(dof), torques.load)[2])
     rest, dry = dry * dry / (at_stand + 1e-12) + beyond, dry + beyond
     dry, rest = steady("dry", dry), steady("rest", rest)
     at_rest = steady("smooth_rest", rest)
     slow = steady("slow", 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2))
     fields.give(("skipped", skipped, "1 for a row that is not new or cannot be, and is not used"))
-    counts = [len(known.entries.shown), known.directions.shape[1], len(known.followed)]
-    ends = np.cumsum([0, *counts, lacked.shape[1]]).tolist()
+    counts = [len(known.entries.shown), known.directions.shape[1], len(known.followed), _LACKED]
+    ends = np.cumsum([0, *counts]).tolist()
     return Signals(
         inputs=inputs,
         u=u,
@@ -181,6 +156,78 @@ def signals(
         slow=slow,
         momentum=momentum,
     )
+
+
+# Number of columns of friction that models lack.
+_LACKED = 2
+
+
+@dataclass(frozen=True, eq=False)
+class _Torques:
+    """Torques of one instant, linear in the directions of `_columns` and in friction that models
+    lack.
+
+    Attributes:
+        parts: columns of the momentum, columns of the rest, and size of undetermined friction.
+        along: these without lacking friction, as a function of z, q̇ and the gears' load.
+        load: of the gears.
+    """
+
+    parts: list[ca.SX]
+    along: ca.Function
+    load: ca.SX
+    momentum: Momentum
+
+
+def _torques(
+    model: Model,
+    known: OnlineKnowledge,
+    settings: OnlineSettings,
+    z: ca.SX,
+    qd: ca.SX,
+    tau: ca.SX,
+) -> _Torques:
+    momentum, D = _columns(model, known, settings)
+    load = _carried(model, qd, tau)
+    along = ca.Function(
+        "columns",
+        [momentum.z, momentum.qd, momentum.load],
+        [momentum.H @ D, momentum.W @ D, ca.substitute(momentum.dry, momentum.p, ca.SX(model.p))],
+    )
+    parts = along(z, qd, load)
+    # Friction that many gears have and few models: more at low speed, and with the gears' load.
+    # Each is the same share in all drives.
+    slow = (qd / ca.SX(known.slow_speed)) ** 2
+    sign = qd / ca.sqrt(qd * qd + settings.rest_speed**2)
+    falling = known.unmodelled_slow * sign * ca.exp(-slow)
+    lacked = ca.horzcat(falling, _CARRIED * sign * ca.fabs(load))
+    of_momentum = ca.horzcat(parts[0], ca.SX(*lacked.shape))
+    parts = [of_momentum, ca.horzcat(parts[1], lacked), parts[2]]
+    return _Torques(parts, along, load, momentum)
+
+
+@dataclass(frozen=True, eq=False)
+class _Filters:
+    """Filters of a cycle, which begin anew together."""
+
+    fields: CycleFields
+    begins: ca.SX
+    lines: Lowpass
+
+    def filtered(
+        self, name: str, x: ca.SX, resting: ca.SX, lowpass: Lowpass | None = None
+    ) -> ca.SX:
+        """x through a filter; `resting` is its state where it begins anew."""
+        lowpass, shape = lowpass or self.lines, x.sparsity()
+        (before,) = self.fields.keep(Field(name, shape.nnz(), f"filter of {name}"))
+        y = lowpass.output(ca.SX(shape, before), x)
+        kept, resting = (ca.project(k, shape).nz[:] for k in (lowpass.keep(y, x), resting))
+        self.fields.following[name] = chosen(self.begins, resting, kept)
+        return y
+
+    def steady(self, name: str, x: ca.SX) -> ca.SX:
+        """x through a filter that begins anew as if x had not changed."""
+        return self.filtered(name, x, self.lines.keep(x, x))
 
 
 def _columns(
