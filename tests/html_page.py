@@ -1,6 +1,7 @@
 """A page of a report as a browser reads it."""
 
 from html.parser import HTMLParser
+from pathlib import Path
 
 HOSTILE = "</script><img src=x onerror=alert(1)>&amp;"
 
@@ -45,3 +46,11 @@ class Document(HTMLParser):
         found = [a[name] for _, a in self.tags for name in names if a.get(name)]
         found += [a["href"] for tag, a in self.tags if tag != "a" and a.get("href")]
         return [str(link) for link in found if not str(link).startswith("data:")]
+
+
+def document(page: Path) -> Document:
+    return Document(page.read_text(encoding="utf-8"))
+
+
+def words(page: Path) -> str:
+    return " ".join(" ".join(document(page).texts).replace("\N{NO-BREAK SPACE}", " ").split())
