@@ -69,19 +69,14 @@ class DriftRecording:
         return self.name or self.brief.log
 
 
-def recorded(
-    files: Sequence[FactorFile], times: Sequence[datetime] | None = None
-) -> list[DriftRecording]:
-    """Factor files sorted by time: as given, from their stamps, or from dates in their names.
+def recorded(files: Sequence[FactorFile]) -> list[DriftRecording]:
+    """Factor files sorted by time: from their stamps, or from dates in their names.
 
     Raises:
         RecordingError: the time of one is unknown.
     """
-    stamps = [_time(file) for file in files] if times is None else times
-    return sorted(
-        (DriftRecording(file, time) for file, time in zip(files, stamps, strict=True)),
-        key=lambda recording: recording.time,
-    )
+    recordings = (DriftRecording(file, _time(file)) for file in files)
+    return sorted(recordings, key=lambda recording: recording.time)
 
 
 def _time(file: FactorFile) -> datetime:
@@ -96,8 +91,7 @@ def _time(file: FactorFile) -> datetime:
         else f"nothing says when {record.log} was made: its stamps do not count from 1970, and its "
         "name has no date",
         where=file.path or record.log,
-        cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them again; "
-        "or give times",
+        cure="name recordings by their date, such as line1-2026-01-31.csv, and gather them again",
     )
 
 
@@ -167,8 +161,6 @@ def robot_drift(
     recordings: Sequence[DriftRecording],
     model: IdentifiedModel,
     settings: DriftSettings | None = None,
-    *,
-    name: str = "",
 ) -> RobotDrift:
     """Friction of a robot's drives over time, corrected for temperature and load.
 
@@ -176,7 +168,6 @@ def robot_drift(
         recordings: of one robot, each once, in any order.
         model: of this robot, from all or some of them; its rigid bodies are fixed.
         settings: limit, accepted rate of false alarms, and start.
-        name: of the robot.
 
     Raises:
         RecordingError: recordings are missing, or do not match each other or the model.
@@ -184,7 +175,7 @@ def robot_drift(
     settings = settings or DriftSettings()
     kept = kept_since(recordings, settings)
     files = [log.file for log in kept if isinstance(log.file, FactorFile)]
-    return drift_of(kept, friction_series(files, model), model, settings, name)
+    return drift_of(kept, friction_series(files, model), model, settings)
 
 
 def kept_since(

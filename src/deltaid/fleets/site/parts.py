@@ -133,7 +133,7 @@ def bounds(drives: Sequence[Row]) -> list[str]:
     return list(dict.fromkeys(drive["bound"] for drive in drives))
 
 
-def drive_tables(drives: Sequence[Row], caption: str = "") -> tuple[Table, Table]:
+def drive_tables(drives: Sequence[Row], caption: str) -> tuple[Table, Table]:
     rows = tuple(
         (
             drive["drive"],
