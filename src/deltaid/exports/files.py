@@ -227,11 +227,9 @@ def _require_options(
         _require("unit", to, "FMI is of units", "--fmi")
     typed("online", online, (OnlineSettings, NoneType), "OnlineSettings")
     if online is not None and "online" not in further:
-        raise DeltaidError(
-            "settings are given of the function online, which is not asked for",
-            where="online",
-            cure="add functions=['online'], or leave them out",
-        )
+        what = "settings are given of the function online, which is not asked for"
+        cure = "add functions=['online'], or leave them out"
+        raise DeltaidError(what, where="online", cure=cure)
 
 
 def _prepared(
@@ -239,11 +237,8 @@ def _prepared(
 ) -> tuple[Model, tuple[str, ...]]:
     """The model with its payload and its friction as asked, and warnings."""
     if without_friction and plain:
-        raise DeltaidError(
-            "no friction is left to approximate with --without-friction",
-            where="--plain-friction",
-            cure="give one of the two",
-        )
+        what = "no friction is left to approximate with --without-friction"
+        raise DeltaidError(what, where="--plain-friction", cure="give one of the two")
     if payload is not None:
         subject = _holding(subject, payload)
     if without_friction:
