@@ -6,6 +6,7 @@ lag is then at its bound, and a law without it is chosen instead. An effect that
 needless is removed likewise.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np

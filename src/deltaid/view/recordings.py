@@ -31,7 +31,7 @@ def recording_card(value: Recording) -> Card:
     names = ", ".join(table.columns[:12]) + (", …" if table.width > 12 else "")
     return Card(
         f"Recording “{value}”",
-        (names,) if value.mapping is None else (names, "with units of its own"),
+        (names, "with units of its own") if value.table.units else (names,),
         facts=(("samples", str(len(table))), ("columns", str(table.width)), *facts.items()),
         more=(("columns", _ranges(table)),),
         methods=(".plot()", ".to_frame()", "deltaid.check(robot, recording)"),
