@@ -4,14 +4,19 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
+import pytest
+
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import AtPlatform, RippleColumns, platform_forces
+from deltaid.estimation.scatter import NORMAL
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.friction_choice import choose_friction
 from deltaid.identification.friction_rows import friction_rows
 from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.setup import Setup
 from deltaid.identification.stages import idle
+from deltaid.identification.uncertainty import covariance, uncertainty
 from deltaid.model.parameter_record import FrictionChoice, FrictionTrial
 from deltaid.model.record import Settings
 from deltaid.recording.recording import open_recordings
@@ -75,6 +80,35 @@ def test_a_force_that_pulls_is_not_idle() -> None:
     setup = Setup(result.robot, result.recordings, PLAIN)
     assert {a.name for a in problem.additions if isinstance(a, AtPlatform)}
     assert not idle(setup, problem).effects
+
+
+def test_coefficients_that_are_uncertain_only_one_by_one_are_not_idle() -> None:
+    """A drag along the combination of its two coefficients that a recording determines best."""
+    result = identified(LOG).result
+    dynamics = compiled(result.robot)
+    drag = platform_forces(dynamics, 1.0)[2]
+    setup = Setup(result.robot, result.recordings, PLAIN, additions=(drag,))
+    problem = fit(dynamics, setup.recordings, PLAIN, additions=setup.additions)
+    assert idle(setup, problem).effects == {drag.name}
+    places = [len(problem.p), len(problem.p) + 1]
+    C = covariance(problem, places)
+    std = np.sqrt(np.diag(C))
+    sizes, ways = np.linalg.eigh(C / np.outer(std, std))
+    values = 4.0 * np.sqrt(sizes[0]) * ways[:, 0] * std
+    assert np.all(np.abs(values) < NORMAL * std)
+    A = problem.reduction.A[places]
+    x = problem.solution.x + np.linalg.pinv(A) @ (values - problem.values[places])
+    moved = replace(problem, solution=replace(problem.solution, x=x))
+    assert not idle(setup, moved).effects
+
+
+def test_a_covariance_is_that_of_any_combination() -> None:
+    problem, places = identified(LOG).result.problem, [0, 3, 7]
+    weights = np.random.default_rng(1).standard_normal(3)
+    combination = np.zeros((1, len(problem.values)))
+    combination[0, places] = weights
+    variance = uncertainty(problem, combination).std[0] ** 2
+    assert weights @ covariance(problem, places) @ weights == pytest.approx(variance, rel=1e-6)
 
 
 def test_barred_terms_are_not_chosen() -> None:

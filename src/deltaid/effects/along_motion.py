@@ -218,6 +218,13 @@ class AtPlatform(AlongMotion):
                        high=value + half, unit=unit, text=f"{text}; {WITHOUT}"),
         )  # fmt: skip
 
+    def pull(self, judged: Sequence[Parameter], what: str) -> tuple[Correction, ...]:
+        """A correction by a force at home with these components."""
+        f = np.array([entry.value for entry in judged])
+        way = ", ".join(f"{share:.2f}" for share in f / max(np.linalg.norm(f), 1e-300))
+        text = f"{what} pulls at the platform along ({way}), as a hose or cable does"
+        return self.correction(float(np.linalg.norm(f)), judged, "N", text)
+
 
 class ConstantForce(AtPlatform):
     """f: a force that is the same everywhere."""
@@ -230,14 +237,11 @@ class ConstantForce(AtPlatform):
         return np.eye(3)[:, None, :] * np.ones((len(x), 1))
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        f = np.array([entry.value for entry in judged])
-        way = ", ".join(f"{share:.2f}" for share in f / max(np.linalg.norm(f), 1e-300))
-        text = f"a constant force pulls at the platform along ({way}), as a hose or cable does"
-        return self.correction(float(np.linalg.norm(f)), judged, "N", text)
+        return self.pull(judged, "a constant force")
 
 
 class PlatformSpring(AtPlatform):
-    """K = Kᵀ and K x_r: a force that grows with the distance from where the spring is relaxed,
+    """K = Kᵀ and f = K x_r: a force that grows with the distance from where the spring is relaxed,
     F = −K (x − x_r), as that of a potential."""
 
     name = "platform-spring"
@@ -254,7 +258,8 @@ class PlatformSpring(AtPlatform):
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         stiffness = float(np.mean([entry.value for entry in judged[:3]]))
         text = "a spring pulls the platform back, as a hose, a cable or a balancer does"
-        return self.correction(stiffness, judged[:6], "N/m", text)
+        stiff = self.correction(stiffness, judged[:6], "N/m", text)
+        return (*stiff, *self.pull(judged[6:], "where the robot is at home, this spring"))
 
 
 class Drag(AtPlatform):

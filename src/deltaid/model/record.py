@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 # Version of the model file; files of all earlier versions load. 2: base parameters name their
 # representative. 3: corrections, and `rests_on` of parameters. 4: the posterior, and the method of
 # intervals.
-FORMAT = 4
+FORMAT = 5
 _OF_DRIVES = ("rms", "nrmse", "rms_unfiltered")
 CHANGED = "the file was changed after deltaid wrote it: its checksum is another"
 # Limit of YAML nodes in a file: ten years of daily recordings with 50 nodes each.
@@ -267,6 +267,9 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         self.layout.require_entries([(entry.name, entry.unit) for entry in self.parameters])
         base = [(entry.representative, entry.unit) for entry in self.base_parameters]
         self.layout.require_units("base_parameters", base)
+        if self.format < 5 and any(effect.name == "platform-spring" for effect in self.effects):
+            raise ValueError("a spring at the platform has other coefficients since format 5; "
+                             "identify the model again")  # fmt: skip
         drives = len(self.robot.drives)
         counted = {f"fit.{name}": getattr(self.fit, name) for name in _OF_DRIVES}
         if (seen := self.verification) is not None:
