@@ -142,18 +142,19 @@ def test_a_setup_that_has_been_through_a_contest_stays_as_it_is() -> None:
 
 
 @pytest.mark.parametrize(
-    ("decades", "may", "applied", "winds_up"),
-    [(10.0, True, False, True), (10.0, False, True, True), (10.0, False, False, False),
-     (1.0, True, True, False)],
+    ("decades", "size", "may", "applied", "winds_up"),
+    [(10.0, 1e-3, True, False, True), (10.0, 1e-3, False, True, True),
+     (10.0, 1e-3, False, False, False), (1.0, 1e-3, True, True, False),
+     (10.0, 1e-4, True, True, False)],
 )  # fmt: skip
 def test_gears_found_stiff_among_rows_that_compliant_ones_leave_stay_so(
-    decades: float, may: bool, applied: bool, winds_up: bool
+    decades: float, size: float, may: bool, applied: bool, winds_up: bool
 ) -> None:
     robot = described("clavel-delta3")
     group = CauseColumns(WIND_UP, np.arange(3), np.ones(3), np.zeros(3))
     shrunk = Mock(spec=Shrunk, candidates=(), x=np.array([1e-5, 2e-5, 3e-5]), covariance=np.eye(3))
     shrunk.surprise.return_value, shrunk.level.return_value = decades, 1.0
-    shrunk.deviation.return_value = np.full(3, 1e-6)
+    shrunk.deviation.return_value, shrunk.size.return_value = np.full(3, 1e-6), size
     last = Mock(spec=Contest, shrunk=shrunk, points=())
     last.group.return_value = group
     values = {WIND_UP: np.full(3, 1e-5)} if applied else {}
@@ -192,7 +193,7 @@ def test_intervals_count_described_laws_where_a_cause_is_unexplained() -> None:
     problem = fit(setup.dynamics, setup.recordings, plain, additions=setup.additions)
     (move,) = _moves_of_laws(setup, robot.friction, problem)
     moved = dict(zip(setup.dynamics.layout.names, problem.p + list(move.values()), strict=True))
-    late = replace(late, dynamics=compiled(robot), beside=(), p=result.problem.p)
+    late = replace(late, dynamics=compiled(robot), others=(), p=result.problem.p)
     expected = fit(compiled(robot), setup.recordings, plain, additions=(late,))
     names = expected.dynamics.layout.names
     assert [moved.pop(name) for name in names] == pytest.approx(expected.p.tolist(), abs=1e-12)

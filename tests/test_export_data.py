@@ -93,7 +93,6 @@ def test_inertia_of_a_box_about_its_centre() -> None:
         (0, -0.1, "mass"),
         (4, 1.0, "triangle inequality"),
         (1, 3.0, "not positive definite"),
-        (5, np.nan, "finite"),
     ],
 )
 def test_bodies_that_cannot_exist_are_refused(entry: int, value: float, reason: str) -> None:
@@ -184,7 +183,7 @@ def test_command_refuses(tmp_path: Path) -> None:
         told = refused("export", name, "--to", target, "-o", tmp_path / output, folder=tmp_path)
         assert message in told.replace("\n", " ")
     told = refused("export", "clavel-delta3", "--to", "c", "-o", "", folder=tmp_path)
-    assert "--output: is an empty name" in told  # of a variable that was never set
+    assert "-o '': nothing is given" in told  # of a variable that was never set
     outcome = run("export", "clavel-delta3", "--to", "step", "-o", tmp_path / "a.c")
     assert outcome.code == 2
     assert "step" in outcome.err

@@ -129,7 +129,7 @@ def test_a_fleet_needs_a_folder_with_a_name(tmp_path: Path) -> None:
     """An unset variable of a script would fill the current folder."""
     own = plant(tmp_path).record(*FIRST)
     said = refused("fleet", own.manifest, "-o", "", folder=tmp_path)
-    assert "output: is an empty name" in said
+    assert "-o '': nothing is given" in said
 
 
 @pytest.mark.parametrize(

@@ -111,7 +111,10 @@ def test_every_recording_is_read_alike(tmp_path: Path) -> None:
 
 
 def test_recordings_are_mixed_in_a_list(tmp_path: Path) -> None:
-    frames = [recorded(1200), recorded(1300), recorded(1400)]
+    frames = [
+        recorded(samples).with_columns(tau1=pl.col("tau1") + 1e-9 * samples)
+        for samples in (1200, 1300, 1400)
+    ]
     kinds = (csv, LOGS["pandas"], LOGS["a dictionary"])
     mixed = [make(frame, tmp_path) for make, frame in zip(kinds, frames, strict=True)]
     opened = open_recordings(mixed, deltaid.Kinematics(NAME))

@@ -128,7 +128,7 @@ def test_arrays_in_memory_carry_sensors_beside_units_of_their_own() -> None:
 
 def test_each_recording_has_a_mapping_of_its_own() -> None:
     kinematics = dynamics().kinematics
-    other = table(1400).rename({"gauge1": "s1"})
+    other = table(1400).rename({"gauge1": "s1"}).with_columns(tau1=pl.col("tau1") + 1e-9)
     mappings = [None, ColumnMapping(sensors={"gauge1": SensorColumns(column="s1"), "plate": None})]
     first, second = open_recordings([table(), other], kinematics, mappings)
     assert [sensor.name for sensor in first.log.columns.sensors] == ["plate", "gauge1"]

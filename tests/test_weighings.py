@@ -151,7 +151,7 @@ def test_only_what_no_torque_shows_becomes_free() -> None:
 def test_one_value_is_given_with_its_axis() -> None:
     robot = load_robot("clavel-delta3")
     for wrong, words in (
-        ({"std": 1.0}, "no value"),
+        ({"std": 1.0}, "gives none of them"),
         ({"mass": 1.0, "centre": 0.1, "std": 1.0}, "mass and centre"),
         ({"mass": 1.0, "axis": "x", "std": 1.0}, "no axis"),
         ({"inertia": 1.0, "std": 1.0}, "needs its axis"),

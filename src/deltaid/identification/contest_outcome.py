@@ -14,7 +14,7 @@ from deltaid.effects.lag_groups import agree, common_lag
 from deltaid.effects.point import SIZE
 from deltaid.effects.unexplained import UNEXPLAINED, in_words, is_unexplained, shares_of_torque
 from deltaid.errors import Doubt
-from deltaid.estimation.drive_rows import OfDrives
+from deltaid.estimation.drive_rows import POSITION_ERROR, OfDrives
 from deltaid.estimation.scatter import NORMAL
 from deltaid.identification.contest import Contest
 from deltaid.identification.setup import (
@@ -42,9 +42,9 @@ def decided(before: ContestOutcome, last: Contest, *, may_wind_up: bool) -> Cont
             compliance that only these rows show would come and go.
     """
     kept, values, deviations = last.shrunk.candidates, dict(before.values), {}
-    winds_up = (may_wind_up or before.winds_up) and (
-        last.shrunk.surprise(last.group(WIND_UP)) > DETECTED
-    )
+    gears = last.group(WIND_UP)
+    is_shown = last.shrunk.surprise(gears) > DETECTED and last.shrunk.size(gears) > POSITION_ERROR
+    winds_up = (may_wind_up or before.winds_up) and is_shown
     exact = (*kept, WIND_UP) if winds_up else kept
     for unknown in UNKNOWNS:
         if not (unknown.corrects or unknown.name == WIND_UP):

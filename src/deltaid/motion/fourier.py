@@ -34,7 +34,9 @@ class FourierMotion(Shown):
         for name, array in (("centre", centre), ("sine", sine), ("cosine", cosine)):
             for place in np.argwhere(~np.isfinite(array))[:1].tolist():
                 raise DeltaidError(
-                    f"is {array[tuple(place)]:g}, not a finite number", where=f"{name}{place}"
+                    f"is {array[tuple(place)]:g}, not a finite number",
+                    where=f"{name}{place}",
+                    cure="give finite numbers",
                 )
         positive("base_frequency", float(self.base_frequency))
         if sine.ndim != 2 or sine.shape != cosine.shape or centre.shape != sine.shape[:1]:
