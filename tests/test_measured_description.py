@@ -188,7 +188,8 @@ def test_gains_that_are_known_are_no_goal() -> None:
 
 ROTORS = [
     ("par4", 1e-2, None, ""),
-    ("par4", 30.0, Grade.DOUBTFUL, "kg cm², g cm² or g m²"),
+    ("par4", 30.0, None, ""),
+    ("par4", 100.0, Grade.DOUBTFUL, "kg cm², g cm² or g m²"),
     ("par4", 1e3, Grade.WRONG, "kg cm², g cm² or g m²"),
     ("par4", 1e-3, Grade.DOUBTFUL, "without its gear"),
     ("linear-delta", 1e3, Grade.WRONG, "in grams"),

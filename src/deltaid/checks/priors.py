@@ -29,9 +29,10 @@ _OUTSIDE, _INSIDE = 1.5, 0.02
 _SPREADS = 30.0
 # Least and largest ratio of a rotor's inertia to that of the bodies that its drive moves, or to the
 # largest of all drives. A gear that accelerates fastest makes both equal, and the ratio goes with
-# the square of the gear: twice this gear is doubtful, ten times is wrong. Direct drives that are
-# strong enough to hold a robot have some per cent of its inertia, so a thousandth is doubtful.
-_IDLE_ROTOR, _LARGE_ROTOR, _WRONG_ROTOR = 1e-3, 2.0**2, 10.0**2
+# the square of the gear. Spindles of fine lead have up to four times this gear, so beyond it is
+# doubtful, and fifteen times is wrong. Direct drives that are strong enough to hold a robot have
+# some per cent of its inertia, so a thousandth is doubtful.
+_IDLE_ROTOR, _LARGE_ROTOR, _WRONG_ROTOR = 1e-3, 4.0**2, 15.0**2
 _UNITS = {"kg": "grams", "kg m²": "kg mm², kg cm² or g m²"}
 _AT_JOINT = {
     False: "give it in kg m² at the joint: the motor's inertia times the square of the gear ratio; "

@@ -123,7 +123,8 @@ def condensed(
     """The information of some samples' chunks, factored piece by piece.
 
     Args:
-        columns, channels: as of `Information`.
+        columns: as of `Information`.
+        channels: as of `Information`.
         counted: the part that each sample counts for.
     """
     factors = np.zeros((len(tau), len(columns) + 1, len(columns) + 1))

@@ -203,22 +203,24 @@ def _sweeps(
         except KinematicsError:
             why = "the robot could not be in poses that it was recorded in"
             break
-    outcome, beyond = doubted(after, full, last), beyond_parts(last)
-    setup, is_lost = bare, bool(why)
-    if not is_lost:
-        if outcome.kept or outcome.winds_up:
-            setup = with_effects(with_readings(bare, outcome, last.p), outcome, last)
-        why = why_not(setup, beyond)
-    moves = (last.p - plain, *dismissed)
 
     def over_all_rows() -> Contest:
         return _swept(now, after, _traces(now), last.p, sweep, free).reduced()
 
-    excludes = errors.any() and not is_lost
-    return _Sweeps(
-        setup, outcome, full, last, plain, moves, parts, why, is_lost,
-        over_all_rows if excludes else None,
+    excludes = errors.any() and not why
+    end = _Sweeps(
+        bare, doubted(after, full, last), full, last, plain, (last.p - plain, *dismissed), parts,
+        why, bool(why), over_all_rows if excludes else None,
     )  # fmt: skip
+    return end if why else _judged(bare, end)
+
+
+def _judged(bare: Setup, end: _Sweeps) -> _Sweeps:
+    """With the kept effects applied, and why they are refuted."""
+    setup, outcome, last = bare, end.outcome, end.last
+    if outcome.kept or outcome.winds_up:
+        setup = with_effects(with_readings(bare, outcome, last.p), outcome, last)
+    return replace(end, setup=setup, why_not=why_not(setup, beyond_parts(last)))
 
 
 def _passive_errors(bare: Setup, before: ContestOutcome, first: Contest) -> OfPassive:
