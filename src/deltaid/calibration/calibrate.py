@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from deltaid.calibration.fit import GROWN, GeometryFit, UsedReadings, fit
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.mistakes import require_new_readings, require_plausible
-from deltaid.calibration.outlook import Direction, Places, Uncertainty, open_directions, places
+from deltaid.calibration.outlook import Direction, Places, PoseUncertainty, open_directions, places
 from deltaid.calibration.readings import Instrument, ProbeReadings
 from deltaid.calibration.tables import Measurements, ReadingsLike, read
 from deltaid.calibration.unknowns import (
@@ -88,8 +88,8 @@ class Calibration(Shown, Plotted, Tabled, Reported):
     shares: Float[np.ndarray, "sources numbers"]
     sessions: tuple[MeasuringSession, ...]
     rank: int
-    before: Uncertainty
-    after: Uncertainty
+    before: PoseUncertainty
+    after: PoseUncertainty
     open: tuple[Direction, ...]
     places: Places = field(repr=False)
     fit: GeometryFit = field(repr=False)

@@ -61,7 +61,7 @@ class Direction:
 
 
 @dataclass(frozen=True)
-class Uncertainty:
+class PoseUncertainty:
     """Standard deviations of positions over the workspace, root mean square and largest [m], and of
     sizes in the plane, as a share."""
 
@@ -77,10 +77,12 @@ class Places:
     x: Float[np.ndarray, "places 3"]
     moved: Float[np.ndarray, "entries numbers"]
 
-    def uncertainty(self, root: Float[np.ndarray, "numbers _"]) -> Uncertainty:
+    def uncertainty(self, root: Float[np.ndarray, "numbers _"]) -> PoseUncertainty:
         """Uncertainty of positions and sizes, for L with Cov θ = L Lᵀ."""
         errors = self.errors(root)
-        return Uncertainty(float(np.sqrt(np.mean(errors**2))), float(errors.max()), self.size(root))
+        return PoseUncertainty(
+            float(np.sqrt(np.mean(errors**2))), float(errors.max()), self.size(root)
+        )
 
     def errors(self, root: Float[np.ndarray, "numbers _"]) -> Float[np.ndarray, " places"]:
         """Standard deviation of positions at each place [m], for L with Cov θ = L Lᵀ."""
