@@ -165,6 +165,16 @@ def test_variables_of_loops_are_named_after_what_they_hold() -> None:
     assert bad == []
 
 
+def test_a_class_has_a_name_of_its_own() -> None:
+    names = [
+        node.name
+        for path in MODULES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    ]
+    assert sorted(set(names)) == sorted(names)
+
+
 def test_every_room_is_in_the_table() -> None:
     assert set(rooms()) == {room(path_in_package(path)) for path in MODULES}
 
