@@ -9,7 +9,6 @@ machines, and no digits are lost to normal equations.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import reduce
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -113,45 +112,54 @@ class Information:
         return np.linalg.norm(self.factors[:, :, -1], axis=1) / np.sqrt(self.samples)
 
 
-def condensed(
-    columns: Int[np.ndarray, " columns"],
-    chunks: Iterable[Chunk],
-    tau: OfDrives,
-    counted: OfDrives,
-    channels: int = 0,
-) -> Information:
-    """The information of some samples' chunks, factored piece by piece.
+@dataclass(frozen=True, eq=False)
+class Condensed:
+    """Some samples as triangles, one of each chunk (a drive's rows of [Y, τ]) with its columns;
+    samples and torque_max as of `Information`."""
 
-    Args:
-        columns: as of `Information`.
-        channels: as of `Information`.
-        counted: the part that each sample counts for.
-    """
-    factors = np.zeros((len(tau), len(columns) + 1, len(columns) + 1))
-    for factor, (places, rows) in zip(factors, chunks, strict=True):
+    triangles: tuple[tuple[Int[np.ndarray, " _"], Float[np.ndarray, "_ _"]], ...]
+    samples: Float[np.ndarray, " dof"]
+    torque_max: Float[np.ndarray, " dof"]
+
+
+def condense(chunks: Iterable[Chunk], tau: OfDrives, counted: OfDrives) -> Condensed:
+    """Triangles of some samples' chunks, factored piece by piece; `counted` is the part that each
+    sample counts for."""
+    triangles = []
+    for columns, rows in chunks:
         n, samples = rows.shape
         step, R = max(_PANEL // n - n, n), np.zeros((0, n))
         for start in range(0, samples, step):
             R = triangle(np.vstack([R, rows[:, start : start + step].T]))
-        factor[: len(R), places] = R
-    largest = np.abs(tau).max(axis=1, initial=0.0)
-    return Information(columns, factors, counted.sum(axis=1), largest, channels)
+        triangles.append((columns, R))
+    return Condensed(tuple(triangles), counted.sum(axis=1), np.abs(tau).max(axis=1, initial=0.0))
 
 
-def collect(parts: Iterable[Information], where: str) -> Information:
-    """The information of consecutive samples, added up in order in constant memory.
+def collect(
+    regressor: ExplainingColumns, parts: Iterable[Condensed], where: str, channels: int = 0
+) -> Information:
+    """The information of condensed samples, added up in order; `channels` as of `Information`.
 
     Raises:
         IdentificationError: the regressor is not finite somewhere in `where`.
     """
-    total = reduce(lambda total, part: merge([total, part]), parts)
-    if not np.all(np.isfinite(total.factors)):
+    columns, dof = active_columns(regressor), regressor.dof
+    n = len(columns) + 1
+    factors, samples, torque_max = np.zeros((dof, n, n)), np.zeros(dof), np.zeros(dof)
+    for part in parts:
+        for i, (places, R) in enumerate(part.triangles):
+            widened = np.zeros((len(R), n))
+            widened[:, places] = R
+            factors[i] = triangle(np.vstack([factors[i], widened]))
+        samples = samples + part.samples
+        torque_max = np.maximum(torque_max, part.torque_max)
+    if not np.all(np.isfinite(factors)):
         raise IdentificationError(
             "the regressor is not finite; is the motion singular?",
             where=where,
             cure="exclude what comes near a singular pose, and check the robot's lengths",
         )
-    return total
+    return Information(columns, factors, samples, torque_max, channels)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
@@ -161,8 +169,7 @@ def gather_samples(
     """The information of samples in memory."""
     y = tau.T
     chunks = chunks_of_drives(regressor, entries_at(regressor, z, qd, qdd, tau), y)
-    columns = active_columns(regressor)
-    return collect([condensed(columns, chunks, y, np.ones_like(y))], "samples")
+    return collect(regressor, [condense(chunks, y, np.ones_like(y))], "samples")
 
 
 def merge(parts: Iterable[Information]) -> Information:

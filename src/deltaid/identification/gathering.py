@@ -16,11 +16,12 @@ from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.information import (
     NOISE_FLOOR,
     Chunk,
+    Condensed,
     Information,
     active_columns,
     chunks_of_drives,
     collect,
-    condensed,
+    condense,
     merge,
 )
 from deltaid.estimation.objective import noise_level
@@ -120,19 +121,17 @@ def gather(
     lost = low_pass.stride * len(low_pass.first) if low_pass else 0
     length = max(1, -(-(recording.log.samples - lost) // (recording.filter.thinned * count)))
 
-    def share(window: Window) -> tuple[list[tuple[int, Information]], list[Visits]]:
+    def share(window: Window) -> tuple[list[tuple[int, Condensed]], list[Visits]]:
         """A window's samples condensed, with the numbers of their blocks, and by place."""
         of_window = rows.filtered(window, recording, load)
         chunks = _chunks(rows, of_window, whitening)
         pieces = [
             (
                 number,
-                condensed(
-                    rows.active,
+                condense(
                     [(columns, samples[:, part]) for columns, samples in chunks],
                     of_window.y[:, part],
                     of_window.counted[:, part],
-                    rows.dof - rows.drives,
                 ),
             )
             for number, part in _cuts(
@@ -142,14 +141,16 @@ def gather(
         r = robot.task.point(window.own.z[:: recording.filter.thinned])
         return pieces, places.visits(r, chunks) if places else []
 
-    def numbered() -> Iterator[tuple[int, Information]]:
+    def numbered() -> Iterator[tuple[int, Condensed]]:
         for pieces, visits in recording.evaluate(rows.regressor.kinematics, share):
             if places is not None:
                 places.add(visits)
             yield from pieces
 
     return tuple(
-        collect((information for _, information in block), str(recording.path))
+        collect(
+            rows, (condensed for _, condensed in block), str(recording.path), rows.dof - rows.drives
+        )
         for _, block in groupby(numbered(), key=lambda piece: piece[0])
     )
 

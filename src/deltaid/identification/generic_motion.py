@@ -11,10 +11,9 @@ from deltaid.errors import IdentificationError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import (
     ExplainingColumns,
-    active_columns,
     chunks_of_drives,
     collect,
-    condensed,
+    condense,
     entries_at,
 )
 from deltaid.motion.random_motion import random_motion
@@ -86,9 +85,8 @@ def _base(
         reading = np.random.default_rng(0).standard_normal((len(sensor.channels), SAMPLES))
         entries.append(sensor.entries(z, qd, qdd, reading))
     y = np.zeros((rows.dof, SAMPLES))
-    chunks, channels = chunks_of_drives(rows, np.vstack(entries), y), rows.dof - dynamics.dof
-    samples = condensed(active_columns(rows), chunks, y, np.ones_like(y), channels)
-    information = collect([samples], "samples")
+    condensed = condense(chunks_of_drives(rows, np.vstack(entries), y), y, np.ones_like(y))
+    information = collect(rows, [condensed], "samples", rows.dof - dynamics.dof)
     if known:
         facts = [np.append(fact.over(information.columns), 0.0) for fact in known]
         information = replace(information, facts=np.array(facts))
