@@ -44,7 +44,7 @@ FORCES = {"platform-spring", "platform-force"}
         pytest.param("falling-gain", "delta3", {"torque-constant"}, marks=pytest.mark.slow),
         pytest.param("ripple", "delta3", {"ripple"}, marks=pytest.mark.slow),
         pytest.param("spring", "delta3", FORCES, marks=pytest.mark.slow),
-        pytest.param("force", "par4", {"platform-force"}, marks=pytest.mark.slow),
+        pytest.param("force", "par4", FORCES, marks=pytest.mark.slow),
     ],
 )
 def test_a_cause_that_no_effect_is_of_ends_as_unexplained(

@@ -36,7 +36,7 @@ from deltaid.identification.lags_and_gears import (
 )
 from deltaid.identification.passive_turns import OfPassive, speed_errors, without_turns
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
-from deltaid.levels import ROUNDS, WIDER
+from deltaid.levels import ROUNDS, SWEEPS, WIDER
 from deltaid.recording.repairs import Gears
 
 # Sweeps after which no effect is added any more: from then on sweeps only drop effects.
@@ -191,7 +191,7 @@ def _sweeps(
         sweep += 1
         if after.doubts != before.doubts:
             dismissed, sweep = (*dismissed, last.p - plain), 0  # others may take part instead
-        elif sweep == ROUNDS or is_settled(before, after):
+        elif sweep == _most(after) or is_settled(before, after):
             break
         try:
             now = with_readings(without, after, last.p)
@@ -213,6 +213,11 @@ def _sweeps(
         why, bool(why), over_all_rows if excludes else None,
     )  # fmt: skip
     return end if why else _judged(bare, end)
+
+
+def _most(outcome: ContestOutcome) -> int:
+    """Largest number of sweeps: few with compliant gears, whose rows change with each sweep."""
+    return SWEEPS if outcome.winds_up else ROUNDS
 
 
 def _judged(bare: Setup, end: _Sweeps) -> _Sweeps:
