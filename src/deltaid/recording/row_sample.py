@@ -15,7 +15,7 @@ _KEPT = 1024
 # Odd multiplier and shift of a multiplicative hash (Steele et al. 2014, splitmix64).
 _ODD, _SHIFT = 0xBF58476D1CE4E5B9, np.uint64(31)
 
-RowSample: TypeAlias = UInt64[np.ndarray, " kept"]
+RowSample: TypeAlias = UInt64[np.ndarray, " _"]
 NO_ROWS: RowSample = np.zeros(0, dtype=np.uint64)
 
 
