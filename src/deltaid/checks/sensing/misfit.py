@@ -244,7 +244,9 @@ def _measured(
     return np.vstack(parts)
 
 
-def _by_torques(dynamics: Dynamics, sparse: Values, tau: Values) -> LinearProblem:
+def _by_torques(
+    dynamics: Dynamics, sparse: Values, tau: Float[np.ndarray, "dof samples"]
+) -> LinearProblem:
     """Least squares of the robot's parameters from torques and prior.
 
     Args:
