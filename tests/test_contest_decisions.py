@@ -24,6 +24,7 @@ from deltaid.identification.friction_constants import LawConstants
 from deltaid.identification.identify import _moves_of_laws
 from deltaid.identification.setup import REFUTED, WIND_UP, ContestOutcome, Setup
 from deltaid.identification.study import Study, left_of_a_drive
+from deltaid.levels import SWEEPS
 from deltaid.model.settings import Settings
 from deltaid.robot.friction import Stribeck
 from deltaid.robot.load import described
@@ -160,6 +161,19 @@ def test_gears_found_stiff_among_rows_that_compliant_ones_leave_stay_so(
     values = {WIND_UP: np.full(3, 1e-5)} if applied else {}
     outcome = decided(ContestOutcome(robot, values=values), last, may_wind_up=may)
     assert outcome.winds_up is winds_up
+
+
+def test_sweeps_go_on_until_they_settle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Torque constants that fall beside friction that warms up need some thirty."""
+    sweeps = list[bool]()
+
+    def settled_late(before: ContestOutcome, after: ContestOutcome) -> bool:
+        sweeps.append(after.winds_up)
+        return len(sweeps) == SWEEPS + 3
+
+    monkeypatch.setattr(contest_stage, "is_settled", settled_late)
+    identified(case("clean", "delta3"))
+    assert sweeps[: SWEEPS + 3] == [False] * (SWEEPS + 3)
 
 
 def test_gears_become_compliant_in_the_first_sweeps_only(monkeypatch: pytest.MonkeyPatch) -> None:

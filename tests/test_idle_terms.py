@@ -103,12 +103,16 @@ def test_coefficients_that_are_uncertain_only_one_by_one_are_not_idle() -> None:
 
 
 def test_a_covariance_is_that_of_any_combination() -> None:
-    problem, places = identified(LOG).result.problem, [0, 3, 7]
-    weights = np.random.default_rng(1).standard_normal(3)
+    problem = identified(LOG).result.problem
+    own = ("viscous.drive1", "coulomb.drive1", "rotor.drive1")
+    places = [problem.layout.names.index(name) for name in own if name in problem.layout.names]
+    C = covariance(problem, places)
+    assert abs(C[0, 1]) > 0.1 * np.sqrt(C[0, 0] * C[1, 1])
+    weights = np.random.default_rng(1).standard_normal(len(places))
     combination = np.zeros((1, len(problem.values)))
     combination[0, places] = weights
     variance = uncertainty(problem, combination).std[0] ** 2
-    assert weights @ covariance(problem, places) @ weights == pytest.approx(variance, rel=1e-6)
+    assert weights @ C @ weights == pytest.approx(variance, rel=0.02)
 
 
 def test_barred_terms_are_not_chosen() -> None:

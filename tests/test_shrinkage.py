@@ -9,6 +9,7 @@ import pytest
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import _ALIKE, Shrunk
+from deltaid.identification import contest as contest_module
 from deltaid.identification.contest import Contest, _eliminated, reduced, rivals, suspects
 
 LEAST = 6.0
@@ -170,6 +171,18 @@ def test_a_cause_dropped_beside_others_is_added_again_without_them() -> None:
     full = Shrunk.fitted([block], np.zeros((0, 5)), np.zeros(0), groups)
     assert _eliminated(full, LEAST, by_size=True).candidates == ()
     assert reduced(full, LEAST).candidates == ("whole",)
+
+
+def test_a_cause_that_makes_rows_less_probable_is_not_added(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bare, larger = (
+        Mock(spec=Shrunk, candidates=names, droppable=(), evidence=evidence)
+        for names, evidence in (((), 0.0), (("cause",), -1.0))
+    )
+    monkeypatch.setattr(contest_module, "suspects", lambda full, now: {"cause": larger})
+    monkeypatch.setattr(contest_module, "rivals", lambda *given: {})
+    assert reduced(bare, LEAST) is bare
 
 
 def test_slow_errors_count_as_noise() -> None:

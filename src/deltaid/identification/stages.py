@@ -6,7 +6,6 @@ lag is then at its bound, and a law without it is chosen instead. An effect that
 needless is removed likewise.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +31,7 @@ from deltaid.identification.gains import gains
 from deltaid.identification.lags_and_gears import gears_turned_back, lags_corrected
 from deltaid.identification.loads import declared_loads, undeclared_loads
 from deltaid.identification.setup import Progress, Setup, Stage
-from deltaid.identification.uncertainty import covariance
+from deltaid.identification.uncertainty import covariance, uncertainty
 from deltaid.identification.warmth import changing_friction
 from deltaid.model.parameter_record import JointTerm
 
@@ -154,11 +153,13 @@ def idle(setup: Setup, problem: FittedProblem) -> Idle:
         return Idle()
     free = freed(problem)
 
-    def may_be_zero(places: Sequence[int]) -> bool:
-        """Whether χ² of all values together stays within its 95 % quantile."""
-        own = values[list(places)]
-        distance = own @ np.linalg.solve(covariance(free, places), own)
-        return surprise(float(distance), len(own)) < surprise(NORMAL**2, 1)
+    def may_be_zero(places: list[int]) -> bool:
+        """Whether χ² of all values together stays within its 95 % quantile: the square of their
+        combination that is farthest from zero, in its own standard deviations."""
+        farthest = np.zeros(len(values))
+        farthest[places] = np.linalg.solve(covariance(free, places), values[places])
+        distance = float(farthest @ values) / uncertainty(free, farthest[None]).std[0]
+        return surprise(distance**2, len(places)) < surprise(NORMAL**2, 1)
 
     return Idle(
         frozenset(term for term, place in terms.items() if may_be_zero([place])),

@@ -140,7 +140,8 @@ def uncertainty(
 
 def covariance(problem: FittedProblem, places: Sequence[int]) -> Float[np.ndarray, "n n"]:
     """Covariance of some parameters given data and prior, from the variances of their sums:
-    C_ij = (var(x_i + x_j) − var x_i − var x_j) / 2."""
+    C_ij = (var(x_i + x_j) − var x_i − var x_j) / 2. Scatter gives each variance by itself, so C is
+    approximate."""
     each = np.eye(len(problem.values))[list(places)]
     sums = (each[:, None] + each[None]).reshape(-1, each.shape[1])
     variances = uncertainty(problem, sums).std.reshape(len(each), -1) ** 2

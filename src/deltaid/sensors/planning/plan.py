@@ -203,9 +203,9 @@ def sensor_plan(
         aim, torque = goal_called(goal, entries, recorded, settings.enough), torque_rows(recorded)
         alone = entries.after(torque)
         outlooks = _Outlooks(entries, aim, entries.after(torque, likely))
-        by_torques = described = outlooks.of(TORQUES, TITLES[TORQUES], alone, alone)
+        by_torques = described = outlooks.outlook(TORQUES, TITLES[TORQUES], alone, alone)
         if len(likely):
-            described = outlooks.of(DESCRIBED, TITLES[DESCRIBED], outlooks.start, alone)
+            described = outlooks.outlook(DESCRIBED, TITLES[DESCRIBED], outlooks.start, alone)
         say("comparing")
         greedy = shopping(outlooks.start, aim, possible, entries.W, budget, settings.steps)
         steps = enough(outlooks.start, aim, greedy, entries.W) if budget is None else greedy
@@ -248,7 +248,7 @@ class _Outlooks:
     aim: Goal
     start: Knowledge
 
-    def of(
+    def outlook(
         self, name: str, title: str, known: Knowledge, before: Knowledge, cost: float = 0.0
     ) -> Outlook:
         return Outlook(
@@ -265,7 +265,7 @@ class _Outlooks:
         name, title = (
             " + ".join(getattr(use, key) for use in together) for key in ("name", "title")
         )
-        return self.of(name, title, known, self.start, cost_of(together))
+        return self.outlook(name, title, known, self.start, cost_of(together))
 
 
 def _find(names: Sequence[str], possible: Sequence[Use], offers: Offers) -> list[Use]:
