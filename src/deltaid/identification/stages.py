@@ -156,6 +156,8 @@ def idle(setup: Setup, problem: FittedProblem) -> Idle:
     def may_be_zero(places: list[int]) -> bool:
         """Whether χ² of all values together stays within its 95 % quantile: the square of their
         combination that is farthest from zero, in its own standard deviations."""
+        if not values[places].any():
+            return True
         farthest = np.zeros(len(values))
         farthest[places] = np.linalg.solve(covariance(free, places), values[places])
         distance = float(farthest @ values) / uncertainty(free, farthest[None]).std[0]
