@@ -20,6 +20,7 @@ from deltaid.identification.expectation_source import ExplainedRecording
 from deltaid.identification.outliers import (
     JoinedStretches,
     OutlierStretch,
+    at_changes,
     detected_outliers,
     has_outliers,
     without_recurring,
@@ -29,7 +30,7 @@ from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.corrections import Correction
 from deltaid.recording.masks.masks import joined_times
 from deltaid.recording.recording import PreparedRecording
-from deltaid.recording.repairs import BACKLASH, CONTACT, JOLT, SPIKE, STOP, LeftSpan, Push
+from deltaid.recording.repairs import BACKLASH, CHANGE, CONTACT, JOLT, SPIKE, STOP, LeftSpan, Push
 from deltaid.recording.windows import Window
 
 # Messages by the reasons to exclude events.
@@ -39,6 +40,9 @@ _TEXT = {
     STOP: "{times} the robot was stopped by more than its drives, {largest}",
     SPIKE: "{times} the torque of one drive jumps for a sample or three, as errors of a fieldbus "
     "do",
+    CHANGE: "{times} torques exceed all that the motion asks for where a joint reverses or the "
+    "torque of a gear changes its sign: by play or winding of gears, by friction, by torques that "
+    "saturate, or by pushes that come there, as at a pick; {largest}",
     JOLT: "{times} torque and motion change faster than the low-pass of the positions follows",
     BACKLASH: "its gear has play: torques do not follow from the motion where its torque changes "
     "its sign, {spans} times. All drives' are excluded there",
@@ -187,9 +191,10 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
         pushes, jolts = [push for push in pushes if push not in jolts], []
     still = [m.start for m in log.masks if m.reason in ("standing still", "on brakes")]
     excluded = [*outliers.spikes, *spoilt]
-    for stretch in pushes:
+    recur = at_changes(outliers, pushes, low_pass).tolist()
+    for stretch, recurs in zip(pushes, recur, strict=True):
         stops = any(-_STANDS <= start - stretch.end <= _STANDS for start in still)
-        reason, push = STOP if stops else CONTACT, None
+        reason, push = STOP if stops else CHANGE if recurs else CONTACT, None
         if stretch in jolts:
             reason = JOLT
         else:

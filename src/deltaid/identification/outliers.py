@@ -204,8 +204,7 @@ def without_recurring(
         loose = [i for i, (_, as_well) in enumerate(rules) if as_well]
         usual = [of_drives[i] & _are_near(peaks, turns[i], near) for i in loose]
         about = [_are_near(peaks, times, _ABOUT * near) for times in turns]
-        most = np.where(np.any(about, axis=0), _LARGER, _ELSEWHERE)
-        play = ~friction & (size <= most * np.median(size[np.any(usual, axis=0)]))
+        play = ~friction & _are_usual(size, np.any(usual, axis=0), np.any(about, axis=0))
         spoilt = [(t, t, i) for i in loose for t in turns[i].tolist()]
         for k in np.flatnonzero(play).tolist():
             gear = min(loose, key=lambda i: np.min(np.abs(turns[i] - peaks[k])))
@@ -215,6 +214,37 @@ def without_recurring(
     ]
     rest = ~(friction | play)
     return [stretch for stretch, kept in zip(stretches, rest, strict=True) if kept], spans
+
+
+def at_changes(
+    outliers: Outliers, stretches: Sequence[OutlierStretch], low_pass: LowPass
+) -> Bool[np.ndarray, " _"]:
+    """Which stretches recur where any joint reverses or any gear's torque changes its sign.
+
+    `without_recurring` does not explain them: another drive's residual is the largest. Pushes come
+    there by chance, unless that is less likely by a factor of `UNLIKELY` than that all stretches
+    but such a share of them belong there.
+    """
+    near = _NEAR + _PERIOD / low_pass.motion_cutoff
+    peaks = np.array([stretch.peak for stretch in stretches])
+    size = np.array([stretch.size for stretch in stretches])
+    recur = np.zeros(len(stretches), dtype=bool)
+    for changes in (outliers.turns, outliers.reversals):
+        times = np.sort(np.concatenate(changes))
+        are_near = _are_near(peaks, times, near)
+        share = min(_share(times, near, outliers.inspected), 1.0 - UNLIKELY)
+        by_chance = np.where(are_near, share, 1.0 - share)
+        recurring = np.where(are_near, 1.0 - UNLIKELY, UNLIKELY)
+        if np.log(recurring / by_chance).sum() > -np.log(UNLIKELY):
+            recur |= _are_usual(size, are_near, are_near)
+    return recur
+
+
+def _are_usual(
+    size: Float[np.ndarray, " _"], usual: Bool[np.ndarray, " _"], about: Bool[np.ndarray, " _"]
+) -> Bool[np.ndarray, " _"]:
+    """Which stretches are about as large as usual ones; elsewhere than about changes less so."""
+    return size <= np.where(about, _LARGER, _ELSEWHERE) * np.median(size[usual])
 
 
 def _are_near(peaks: Times, times: Times, near: float) -> Bool[np.ndarray, " _"]:
@@ -228,9 +258,13 @@ def _recurs(peaks: Times, times: Times, near: float, duration: float) -> tuple[b
     """Whether peaks recur near these times; and whether they do if another drive's recur."""
     if not len(peaks) or not len(times):
         return False, False
-    gaps = np.minimum(np.diff(times), 2 * near)
-    share = min(1.0, (gaps.sum() + 2 * near) / duration)
     hits = int(_are_near(peaks, times, near).sum())
-    chance = float(bdtrc(hits - 1, len(peaks), share))  # of as many or more
+    chance = float(bdtrc(hits - 1, len(peaks), _share(times, near, duration)))  # of as many or more
     often = hits >= max(_FEWEST, 0.5 * len(peaks))
     return often and chance < NEVER, hits >= _AS_WELL and chance < UNLIKELY
+
+
+def _share(times: Times, near: float, duration: float) -> float:
+    """Share of a recording that is near one of these ascending times."""
+    gaps = np.minimum(np.diff(times), 2 * near)
+    return min(1.0, (gaps.sum() + 2 * near) / duration)

@@ -21,6 +21,7 @@ from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import WHY, Mask, joined_times
 from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.repairs import (
+    CHANGE,
     CONTACT,
     JOLT,
     NO_REPAIRS,
@@ -34,7 +35,7 @@ from deltaid.recording.repairs import (
 _WHY = {str(reason): why for reason, why in WHY.items()} | WHY_REPAIRED
 _WHY_REVERSAL = "a joint turns round, and its friction with it, between two samples"
 # Reasons that a model file lists as events.
-_EVENTS = (CONTACT, STOP, SPIKE, JOLT)
+_EVENTS = (CONTACT, STOP, SPIKE, CHANGE, JOLT)
 # Most spans that a model file lists of one reason.
 _LISTED = 100
 

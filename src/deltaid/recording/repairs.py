@@ -39,11 +39,13 @@ Samples = Float[np.ndarray, "samples dof"]
 _PERIODS = 2
 # Reasons to exclude stretches, and their explanations.
 CONTACT, SPIKE, STOP, JOLT = "contact", "torque spike", "stop", "jolt"
-BACKLASH = "backlash"
+BACKLASH, CHANGE = "backlash", "change of sign"
 WHY_REPAIRED = {
     CONTACT: "torques exceed all that the motion asks for, as where something pushes the robot",
     SPIKE: "one torque channel jumps for a sample or three",
     STOP: "the robot was stopped by more than its drives",
+    CHANGE: "torques exceed all that the motion asks for where a joint reverses or the torque of a "
+    "gear changes its sign",
     JOLT: "torque and motion change faster than the low-pass follows",
     BACKLASH: "play in a gear lets its motor go ahead where the torque changes its sign",
 }
