@@ -156,7 +156,7 @@ def excite(
         as_json,
         _as_dictionary(result),
         [
-            described.title or described.name,
+            described.label,
             view.verdict(result).sentence,
             f"{exciter.settings.criterion} {number(result.criterion_before)} before, "
             f"{number(result.criterion_after)} after; {run.repeats} "

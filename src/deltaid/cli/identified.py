@@ -110,7 +110,7 @@ def print_result(
     corrected = corrections.correction_tables(model, SCREEN)
     if not full and model.corrections:  # their table comes first
         tables, corrected = [*tables, corrected[0]], corrected[1:]
-    title = model.robot.title or model.robot.name
+    title = model.robot.label
     print_found(
         [
             f"{title}{', simulated' if against else ''}",

@@ -173,7 +173,7 @@ def base(
     )
     beside = [*description.sensors, *([f"{measured} measured values"] if measured else [])]
     lines = [
-        description.title or description.name,
+        description.label,
         f"{len(layout.names)} parameters, {visible} visible{'' if beside else ' in torques'}, "
         f"{result.rank} base parameters; {free} free in a consistent fit",
         *([f"determined by torques together with {', '.join(beside)}"] if beside else []),

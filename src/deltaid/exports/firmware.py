@@ -64,7 +64,7 @@ def firmware_text(calibration: Calibration, firmware: str) -> tuple[str, float]:
         "firmware.jinja",
         firmware=firmware,
         version=version("deltaid"),
-        title=robot.title or robot.name,
+        title=robot.label,
         left=left,
         radius=radius,
         rods=rods,

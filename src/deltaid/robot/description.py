@@ -151,6 +151,11 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         return self.drives[: self.limbs.count]
 
     @property
+    def label(self) -> str:
+        """Title in headings: the described one, or the name."""
+        return self.title or self.name
+
+    @property
     def body_names(self) -> tuple[str, ...]:
         """Names of all bodies, in the order of p."""
         if self.mechanism is not None:

@@ -102,7 +102,7 @@ def number_table(calibration: Calibration) -> Table:
 def calibration_card(calibration: Calibration) -> Card:
     said, readings = _summary(calibration), sum(x.readings for x in calibration.sessions)
     return Card(
-        f"Geometry of {calibration.described.title or calibration.described.name}",
+        f"Geometry of {calibration.described.label}",
         (said.sentence, *calibration.doubts),
         calibration.verdict.partition(": ")[0],
         (("not known", str(len(calibration.open))), ("readings", str(readings))),
@@ -177,7 +177,7 @@ def residual_figure(calibration: Calibration) -> go.Figure:
 def calibration_page(calibration: Calibration) -> Page:
     robot, after, before = calibration.described, calibration.after, calibration.before
     return Page(
-        title=robot.title or robot.name,
+        title=robot.label,
         subtitle="Geometry from measured poses",
         verdict=_summary(calibration),
         drawing=drawing(robot, calibration.fit.loops.kinematics),

@@ -146,7 +146,7 @@ def verdicts_page(value: Verdicts) -> Page:
 
 
 def _title(value: Verdicts, otherwise: str) -> str:
-    return (value.robot.title or value.robot.name) if value.robot else otherwise
+    return value.robot.label if value.robot else otherwise
 
 
 def _name(source: object) -> str:

@@ -43,7 +43,7 @@ def excitation_page(result: Excitation) -> Page:
     predicted = (condition, prediction_table(result))
     search = (start_table(result), _setting_table(settings))
     return Page(
-        title=robot.title or robot.name,
+        title=robot.label,
         subtitle="Motion for identification, from rest to rest within all limits",
         verdict=verdict(result),
         drawing=drawing(robot, exciter.dynamics.kinematics),
@@ -195,7 +195,7 @@ def excitation_card(value: Excitation) -> Card:
     most = f"{percent(fullest.share)} ({fullest.name})" if fullest else ""
     before = f"{number(value.criterion_before)} before"
     return Card(
-        f"Motion of {robot.title or robot.name} from rest to rest, within all limits",
+        f"Motion of {robot.label} from rest to rest, within all limits",
         facts=(
             ("duration", f"{number(value.run.duration)} s"),
             ("criterion", f"{number(value.criterion_after)} ({settings.criterion}), {before}"),
@@ -216,7 +216,7 @@ def excitation_frame(value: Excitation) -> pl.DataFrame:
 def exciter_card(value: Exciter) -> Card:
     robot, settings = value.dynamics.robot, value.settings
     return Card(
-        f"Exciter of {robot.title or robot.name}",
+        f"Exciter of {robot.label}",
         facts=(
             ("criterion", settings.criterion),
             ("starts", str(settings.starts)),

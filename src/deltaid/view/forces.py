@@ -25,7 +25,7 @@ _NAMED = 8
 def forces_card(value: Forces) -> Card:
     said, robot, warnings = verdict(value), value.model.robot, warned(value.warnings)
     return Card(
-        f"Forces of {robot.title or robot.name} along {value.recording.path.name}",
+        f"Forces of {robot.label} along {value.recording.path.name}",
         (said.sentence, what_is_open(value)),
         said.grade,
         table=tables(value)[0],
@@ -51,7 +51,7 @@ def forces_page(value: Forces) -> Page:
     model, forces = value.model, value.constraint_forces
     *along, loads = tables(value)
     return Page(
-        title=model.robot.title or model.robot.name,
+        title=model.robot.label,
         subtitle=f"Constraint forces along {value.recording.path.name}, parameters: {model.origin}",
         drawing=drawing(model.robot, model.dynamics.kinematics),
         verdict=verdict(value),

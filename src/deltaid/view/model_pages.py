@@ -58,7 +58,7 @@ def identification_page(result: Identification, verification: Validation | None 
     logs = ", ".join(source.log for source in model.sources)
     whence = f"identified from {logs}{f', verified on {verified}' if verified else ''}"
     return Page(
-        title=model.robot.title or model.robot.name,
+        title=model.robot.label,
         subtitle=f"Dynamic model {whence}",
         verdict=without_doubts(summary(result, error, log)),
         drawing=drawing.drawing(model.robot, dynamics.kinematics),
@@ -137,7 +137,7 @@ def validation_page(value: Validation) -> Page:
     )
     torques = _torque_section(comparison, "Torques", front=True)
     return Page(
-        title=model.robot.title or model.robot.name,
+        title=model.robot.label,
         subtitle=f"Parameters: {model.origin}; compared with {log.path.name}",
         verdict=without_doubts(summary(model, error, log)),
         drawing=drawing.drawing(model.robot, dynamics.kinematics),
@@ -177,7 +177,7 @@ def model_page(value: Model | IdentifiedModel) -> Page:
     if known is None:
         return robots.robot_page(model.robot)
     return Page(
-        title=model.robot.title or model.robot.name,
+        title=model.robot.label,
         subtitle=f"Dynamic model, {model.origin}",
         verdict=without_doubts(summary(model)),
         drawing=drawing.drawing(model.robot, model.dynamics.kinematics),

@@ -28,7 +28,7 @@ _NEXT = ('["P.m"]', ".dynamics", ".plot()", ".to_frame()", '.report("x.html")')
 def model_card(value: Model | IdentifiedModel) -> Card:
     model = load(value)
     verdict, known = summary(model), model.identified
-    title = f"Model of {model.robot.title or model.robot.name}, {model.origin}"
+    title = f"Model of {model.robot.label}, {model.origin}"
     if known is None:
         facts = (("parameters", str(len(model.p))), ("drives", str(len(model.robot.drives))))
         return Card(title, (verdict.sentence, *verdict.lines), verdict.grade, facts, methods=_NEXT)
@@ -80,7 +80,7 @@ def identification_card(value: Identification) -> Card:
     poor = [v for v in getattr(value, "verdicts", ()) if v.grade is not Grade.GOOD]
     return replace(
         of_model,
-        title=f"Identification of {robot.title or robot.name} from {logs}",
+        title=f"Identification of {robot.label} from {logs}",
         lines=(verdict.sentence, *verdict.lines[:2]),
         grade=verdict.grade,
         more=(*((("checks that are not good", page_table(poor)),) if poor else ()), *of_model.more),
@@ -92,7 +92,7 @@ def identification_card(value: Identification) -> Card:
 def validation_card(value: Validation) -> Card:
     model, verdict = value.model, summary(value.model, value.error, value.log)
     return Card(
-        f"{model.robot.title or model.robot.name} compared with {value.log.path.name}",
+        f"{model.robot.label} compared with {value.log.path.name}",
         (verdict.sentence,),
         verdict.grade,
         drive_errors(model.robot, value.error.nrmse.tolist()),
@@ -120,7 +120,7 @@ def feed_forward_card(value: FeedForward) -> Card:
     cutoff = recording.motion_cutoff
     low_passed = f", positions are low-passed at {cutoff:.3g} Hz" if cutoff else ""
     return Card(
-        f"Torques of {robot.title or robot.name} along {recording.path.name}",
+        f"Torques of {robot.label} along {recording.path.name}",
         (f"{value.rows} of {value.samples} rows have torques{low_passed}",),
         more=warnings,
         prompt_lines=tuple(title for title, _ in warnings),
@@ -146,7 +146,7 @@ def sample_table(drawn: Samples) -> Table:
             for i, name in enumerate(drawn.names)
             if high[i] > low[i]
         ),
-        title=f"{len(drawn)} models of {drawn.robot.title or drawn.robot.name}",
+        title=f"{len(drawn)} models of {drawn.robot.label}",
     )
 
 
@@ -163,7 +163,7 @@ def sample_sentence(drawn: Samples) -> str:
 def samples_card(value: Samples) -> Card:
     table = sample_table(value)
     return Card(
-        f"{len(value)} models of {value.robot.title or value.robot.name}",
+        f"{len(value)} models of {value.robot.label}",
         (sample_sentence(value),),
         "",
         (("parameters that vary", str(len(table.rows))),),

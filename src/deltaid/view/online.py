@@ -32,7 +32,7 @@ def online_page(watched: Watched, title: str) -> Page:
     loads = loads_table(watched) if watched.loads else Text("No load was found.")
     touches = touches_table(watched) if watched.touches else Text("No contact was found.")
     return Page(
-        title=watched.robot.title or watched.robot.name,
+        title=watched.robot.label,
         subtitle=f"Run through cycle by cycle: {title}",
         facts=(
             Fact(

@@ -50,7 +50,7 @@ def robot_card(value: _Robot) -> Card:
     }
     named = f" ({robot.name})" if robot.title and robot.name != robot.title else ""
     return Card(
-        f"{title}{robot.title or robot.name}{named}",
+        f"{title}{robot.label}{named}",
         facts=tuple(fact for fact in facts.items() if fact[1]),
         more=(
             ("drives and limits", _drives(robot)),
@@ -101,7 +101,7 @@ def robot_page(value: RobotDescription) -> Page:
 def rest_page(robot: AtRest, subtitle: str) -> Page:
     reached, surveyed = reach(robot), survey(robot)
     return Page(
-        title=robot.robot.title or robot.robot.name,
+        title=robot.robot.label,
         subtitle=subtitle,
         facts=rest_facts(robot, reached, surveyed),
         warnings=rest_warnings(robot, surveyed),
@@ -144,7 +144,7 @@ def rest_facts(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> tupl
 def rest_lines(robot: AtRest, reached: Reach, surveyed: WorkspaceSurvey) -> list[str]:
     """A robot's title and its key figures at rest, one per line."""
     return [
-        robot.robot.title or robot.robot.name,
+        robot.robot.label,
         *(
             f"{fact.label}: {fact.value}" + (f" ({fact.note})" if fact.note else "")
             for fact in rest_facts(robot, reached, surveyed)

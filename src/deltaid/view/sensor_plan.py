@@ -183,7 +183,7 @@ def plan_card(value: SensorPlan) -> Card:
     robot, joined = value.model.robot, (" for ", ", ")
     goal = f"Goal: {value.goal}, as a typical standard deviation; planned for {value.motion}."
     return Card(
-        f"What to measure of {robot.title or robot.name}",
+        f"What to measure of {robot.label}",
         (goal, stopped(value)),
         "",
         (

@@ -42,7 +42,7 @@ def plan_page(plan: SensorPlan, entries: Sequence[str] | None = None) -> Page:
     open_now = next(opening for opening in plan.openings if opening.name == known).null
     hidden = Text(f"Nothing of the list determines much of {', '.join(undetermined(plan))}.")
     return Page(
-        title=robot.title or robot.name,
+        title=robot.label,
         subtitle=f"What sensors and scales would determine, planned for {plan.motion}",
         verdict=_verdict(plan, len(open_now.directions)),
         drawing=drawing(robot, plan.model.dynamics.kinematics),

@@ -52,7 +52,7 @@ def comparison_page(
             )
     verdict, best = _verdict(runs, problems)
     return Page(
-        title=robot.title or robot.name,
+        title=robot.label,
         subtitle=f"Simulated tracking: {title}",
         facts=(best, *(() if problems else _gains(runs))),
         sections=(
@@ -133,7 +133,7 @@ def drive_table(robot: RobotDescription, result: Tracking) -> Table:
         tau = (f"{number(x[i], 3)} {units.force}" for x in (error.torque_rms, error.torque_max))
         rows.append((drive, *off, *tau, percent(float(error.saturated[i]))))
     columns = ("drive", "error rms", "largest", "effort rms", "largest effort", "at its limit")
-    return Table(columns, tuple(rows), title=robot.title or robot.name)
+    return Table(columns, tuple(rows), title=robot.label)
 
 
 def comparison_table(robot: RobotDescription, runs: Sequence[ControllerRun]) -> Table:
@@ -155,7 +155,7 @@ def comparison_table(robot: RobotDescription, runs: Sequence[ControllerRun]) -> 
         ("controller", "model", "rms", "max", "worst load", "turn [°]", "at a limit", "remark"),
         tuple(rows),
         "Rms of distance and turn, also with the worst load; share of time at a torque limit.",
-        title=f"{robot.title or robot.name}: platform error [mm]",
+        title=f"{robot.label}: platform error [mm]",
     )  # fmt: skip
     turns = any(run.tracking is not None and run.tracking.turn_error is not None for run in runs)
     needed = {
@@ -227,7 +227,7 @@ def simulation_page(value: Simulation | Comparison) -> Page:
         _conditions(on.drives, on.bandwidth, value.remarks),
     )
     return Page(
-        title=robot.title or robot.name,
+        title=robot.label,
         subtitle=f"Simulated tracking: {title}",
         facts=(
             Fact("platform error", rms, "rms"),

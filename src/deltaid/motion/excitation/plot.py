@@ -62,7 +62,7 @@ def plot_run(exciter: Exciter, run: Run, file_format: str) -> bytes:
             axis.axvline(edge, color="0.6", linewidth=0.8, linestyle=":")
     axes[0].legend(loc="upper right", ncols=len(robot.drives), fontsize="small")
     axes[-1].set_xlabel("time [s]")
-    figure.suptitle(robot.title or robot.name)
+    figure.suptitle(robot.label)
     buffer = BytesIO()
     figure.savefig(buffer, format=file_format, dpi=150)
     return buffer.getvalue()

@@ -64,7 +64,7 @@ def _pick(session: Session, robot: RobotDescription | DeltaidError | None) -> No
         describe(session)
         if isinstance(robot, RobotDescription):
             facts = {
-                "robot": robot.title or robot.name,
+                "robot": robot.label,
                 "drives, in the order of q": ", ".join(
                     f"{drive} ({'slides' if robot.is_linear(drive) else 'turns'})"
                     for drive in robot.drives
