@@ -4,7 +4,7 @@ import difflib
 import linecache
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from numbers import Real
 from types import TracebackType
@@ -211,6 +211,12 @@ def quoted(text: str) -> str:
 def shortened(text: str) -> str:
     """A message in which words that are too long are shortened."""
     return _LONG_WORD.sub(lambda word: quoted(word[0]), text)
+
+
+def few(items: Sequence[str], most: int, between: str = ", ") -> str:
+    """The first items of a list, and how many more there are."""
+    more = f"{between if between != ', ' else ' '}and {len(items) - most} more"
+    return between.join(items[:most]) + more * (len(items) > most)
 
 
 def visible(text: str, kept: str = "\n" + _SPACES) -> str:

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 from deltaid.checks.evidence import Evidence
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.errors import IdentificationError, KinematicsError
+from deltaid.errors import IdentificationError, KinematicsError, few
 from deltaid.estimation.base_parameters import base_parameters
 from deltaid.estimation.information import NOISE_FLOOR, Information, gather_samples, merge
 from deltaid.identification.fit import FittedProblem
@@ -59,8 +59,7 @@ class _Certainty:
 
     def named(self, chosen: Bool[np.ndarray, " base"]) -> str:
         names = [name for name, named in zip(self.names, chosen, strict=True) if named]
-        more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
-        return ", ".join(names[:FEW]) + more
+        return few(names, FEW)
 
     def cure(self, chosen: Bool[np.ndarray, " base"]) -> str:
         """Motions to record, the most useful first."""

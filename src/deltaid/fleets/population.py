@@ -18,6 +18,7 @@ from scipy.linalg import inv
 
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale, with_prior
 from deltaid.estimation.scatter import CHANCE
+from deltaid.errors import few
 from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.coordinates import Coordinates
 from deltaid.fleets.member import unmeasured
@@ -121,8 +122,7 @@ class Population:
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks on the fit, in words."""
-        left = len(self.moved) - FEW
-        moved = ", ".join(self.moved[:FEW]) + f" and {left} more" * (left > 0)
+        moved = few(self.moved, FEW)
         notes = (
             ""
             if self.spreads.known

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from deltaid.errors import RecordingError, closest, quoted, visible
+from deltaid.errors import RecordingError, closest, few, quoted, visible
 
 _INDEXED = re.compile(r"(?s)(?P<base>.+)\[(?P<inner>[^\[\]]*)\]")
 
@@ -133,8 +133,7 @@ def locate(
 
 def listing(fields: Sequence[RecordedField]) -> str:
     """Fields of a recording for a message, shortened."""
-    more = f" and {len(fields) - 20} more" if len(fields) > 20 else ""
-    return ", ".join(str(field) for field in fields[:20]) + more
+    return few([str(field) for field in fields], 20)
 
 
 def near(fields: Sequence[RecordedField], address: str) -> str:

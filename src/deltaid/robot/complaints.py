@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from deltaid.errors import nearest
+from deltaid.errors import few, nearest
 from deltaid.grouping import grouped
 from deltaid.robot.yaml_tree import Entry, child
 
@@ -66,8 +66,7 @@ def complaints(tree: Entry, error: ValidationError, model: type[BaseModel]) -> s
         c.path[:k] for c in located for k in range(len(c.path))
     }  # deeper ones are more precise
     texts = [str(c) for c in _join_unions([c for c in located if c.path not in outer])]
-    more = f"; and {len(texts) - _MOST} more" if len(texts) > _MOST else ""
-    return "; ".join(texts[:_MOST]) + more
+    return few(texts, _MOST, "; ")
 
 
 def require_kinds(values: Any, taken: Any) -> None:

@@ -10,6 +10,7 @@ from deltaid.calibration.calibrate import Calibration
 from deltaid.calibration.outlook import NextReadings
 from deltaid.calibration.readings import KINDS
 from deltaid.calibration.unknowns import TOOL, WORDS
+from deltaid.errors import few
 from deltaid.estimation.scatter import NORMAL
 from deltaid.sensors.planning.offers import PoseKind
 from deltaid.view import style
@@ -30,8 +31,7 @@ def session_lines(calibration: Calibration) -> list[str]:
         left = f"residual {1e3 * x.residual:.2g} mm (noise {1e3 * x.noise:.2g} mm{grown})"
         lines.append(f"{x.source}: {_count(x.readings, x.kind)}, {left}")
         if x.excluded:
-            more = f"; and {len(x.excluded) - FEW} more" if len(x.excluded) > FEW else ""
-            lines.append(f"  excluded {'; '.join(x.excluded[:FEW])}{more}")
+            lines.append(f"  excluded {few(x.excluded, FEW, '; ')}")
     if (torques := calibration.known.torques) is not None:
         own = [
             name

@@ -6,6 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 import polars as pl
 
+from deltaid.errors import few
 from deltaid.joint_forces.forces import ALONG, ForceFinding, Forces
 from deltaid.view import style
 from deltaid.view.comparison import POINTS, extreme_rows, stretch_length
@@ -207,8 +208,7 @@ def what_is_open(study: Forces) -> str:
     on."""
     counts = Counter(name for f in study.findings for name in f.openness.unknowns)
     entries = [name for name, _ in counts.most_common()]
-    more = f" and {len(entries) - _NAMED} more" if len(entries) > _NAMED else ""
-    names = (", ".join(entries[:_NAMED]) or "nothing") + more
+    names = few(entries, _NAMED) or "nothing"
     if _with_ranges(study):
         return (
             "range: what agrees with the recordings (95 %), and with the prior in what torques "

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import polars as pl
 
+from deltaid.errors import few
 from deltaid.fleets.site.friction_panel import MAIN, friction_panel
 from deltaid.fleets.site.parts import (
     LIKE,
@@ -202,7 +203,7 @@ def _quarantine(bad: pl.DataFrame) -> tuple[Section, ...]:
         for row in bad.iter_rows(named=True)
     )
     rows = tuple(
-        (str(len(whose)), ", ".join(_few(list(dict.fromkeys(whose)))), said)
+        (str(len(whose)), few(list(dict.fromkeys(whose)), 5), said)
         for said, whose in sorted(reasons.items(), key=lambda item: -len(item[1]))[:50]
     )
     blocks = (
@@ -210,10 +211,6 @@ def _quarantine(bad: pl.DataFrame) -> tuple[Section, ...]:
         Table(("how many", "of robots", "reason"), rows),
     )
     return (Section("Quarantine", blocks, f"{len(bad)} that could not be used"),) if rows else ()
-
-
-def _few(names: Sequence[str]) -> list[str]:
-    return [*names[:5], f"and {len(names) - 5} more"] if len(names) > 5 else list(names)
 
 
 def _without_name(reason: str, which: str) -> str:

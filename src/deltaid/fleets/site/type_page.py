@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import polars as pl
 
+from deltaid.errors import few
 from deltaid.fleets.site.parts import (
     LIKE,
     MOST,
@@ -137,8 +138,7 @@ def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot]) -> Summary:
         return Summary(Trust.GOOD, f"{said}{len(robots) - compared} could not.")
     if not foreign:
         return Summary(Trust.GOOD, f"All {len(robots)} robots belong to this type.")
-    names = ", ".join(robot.name for robot in foreign[:10])
-    names += f" and {len(foreign) - 10} more" if len(foreign) > 10 else ""
+    names = few([robot.name for robot in foreign], 10)
     do = "does" if len(foreign) == 1 else "do"
     return Summary(Trust.FAIR, f"{len(foreign)} of {len(robots)} robots {do} not belong: {names}.")
 
