@@ -39,7 +39,7 @@ def taken(unit: Unit, precision: Precision) -> int:
     def bytes_of(variable: Variable) -> int:
         return real * variable.size if variable.size else each[variable.type]
 
-    own = sum(map(bytes_of, unit.own)) + real * len(unit.scratch)
+    own = sum(map(bytes_of, unit.local_variables)) + real * len(unit.scratch)
     return own + sum(map(bytes_of, (*unit.inputs, *unit.outputs)))
 
 

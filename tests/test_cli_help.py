@@ -15,7 +15,7 @@ from command import run
 from deltaid.cli.app import app
 from deltaid.fleets.drift_findings import DriftSettings
 from deltaid.studio.drafting.questions import QUESTIONS
-from deltaid.view.page import made
+from deltaid.view.page import page_origin
 
 COMMANDS = sorted(typer.main.get_command(app).commands)
 
@@ -120,4 +120,4 @@ def test_pages_name_the_command_where_no_script_is_installed(
     monkeypatch.setattr(sys, "argv", ["/x/deltaid/__main__.py", "--version"])
     with pytest.raises(SystemExit):
         runpy.run_module("deltaid", run_name="__main__")
-    assert made().command == "deltaid --version"
+    assert page_origin().command == "deltaid --version"

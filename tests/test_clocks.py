@@ -203,7 +203,7 @@ def test_no_window_holds_rows_of_both_sides_of_a_gap(clavel: Dynamics) -> None:
             assert not ((time[0] < before) & (time[-1] > after)).any(), trial
             assert window.start >= start
             assert window.start % recording.filter.thinned == 0
-            start = window.start + len(window.own.time)
+            start = window.start + len(window.inner.time)
 
 
 def test_stretches_that_are_too_short_are_told(clavel: Dynamics) -> None:

@@ -111,7 +111,7 @@ def _apart(robot) -> float:
         np.add.at(wide, at[rows == i], G[rows == i])
         expected = np.zeros((len(dynamics.layout.names), len(z)))
         expected[Y.columns[Y.rows == i]] = Y.values[Y.rows == i]
-        left = T.T @ wide[columns.kept] - expected
+        left = T.T @ wide[columns.stored] - expected
         size = np.linalg.norm(expected, axis=1)
         worst = max(worst, float(np.max(np.linalg.norm(left, axis=1)[size > 0] / size[size > 0])))
     return worst

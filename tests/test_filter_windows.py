@@ -24,9 +24,9 @@ def together(recording: PreparedRecording, dynamics: Dynamics) -> list[np.ndarra
     """Time, motion, torques and decimated torques of all windows."""
 
     def parts(w: Window) -> list[np.ndarray]:
-        own, thinned = w.own, w.filtered(lambda s: s.tau.T).T
-        np.testing.assert_array_equal(w.trimmed(w.wide.z), own.z)
-        return [own.time, own.z, own.qd, own.qdd, own.tau, thinned]
+        inner, thinned = w.inner, w.filtered(lambda s: s.tau.T).T
+        np.testing.assert_array_equal(w.trimmed(w.wide.z), inner.z)
+        return [inner.time, inner.z, inner.qd, inner.qdd, inner.tau, thinned]
 
     pieces = list(recording.evaluate(dynamics.kinematics, parts))
     return [np.concatenate(column) for column in zip(*pieces, strict=True)]
@@ -63,7 +63,7 @@ def test_windows_hold_the_true_motion(tmp_path, clavel: Dynamics, recorded_rates
     low_pass = design_low_pass(60.0, RATE)
     (window,) = PreparedRecording(log, low_pass).windows(clavel.kinematics)
     lost = low_pass.margin + low_pass.half
-    inner, found = slice(lost, len(frame) - lost), window.own
+    inner, found = slice(lost, len(frame) - lost), window.inner
     z = clavel.kinematics.forward(frame.select(names("q")).to_numpy())
     truth = [z, *(frame.select(names(kind)).to_numpy() for kind in ("qd", "qdd"))]
     for mine, true in zip((found.z, found.qd, found.qdd), truth, strict=True):

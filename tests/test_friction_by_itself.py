@@ -290,7 +290,7 @@ def test_a_warm_up_changes_both_directions_of_a_law() -> None:
     warmth = Warmth(dynamics, (Course(one, 0.0, 4.0, 0.2, -0.9),))
     names = [parameter.name for parameter in warmth.parameters]
     assert {f"{kind}_change.drive1" for kind in ("viscous_back", "coulomb_back")} < set(names)
-    w = next(one.windows(dynamics.kinematics)).own
+    w = next(one.windows(dynamics.kinematics)).inner
     own = dynamics.sparse_regressor(w.z, w.qd, w.qdd, 0 * w.qd).values
     drives, columns = warmth.pattern
     back = (drives == 0) & (columns == names.index("coulomb_back_change.drive1"))

@@ -269,7 +269,7 @@ def test_rows_that_are_left_out_by_time_do_not_count_and_no_others_do_less() -> 
     repaired = replace(one, repairs=Repairs(left_out=spans))
 
     def weights(recording: PreparedRecording) -> tuple[np.ndarray, np.ndarray]:
-        parts = [window.own for window in recording.windows(dynamics.kinematics)]
+        parts = [window.inner for window in recording.windows(dynamics.kinematics)]
         time = np.concatenate([w.time for w in parts])
         return time, np.concatenate([w.weights for w in parts])
 

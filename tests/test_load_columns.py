@@ -128,7 +128,7 @@ def test_what_is_beside_the_drives_comes_with_the_samples(frame: pl.DataFrame) -
     kinematics = compiled(CLAVEL).kinematics
     (one,) = open_recordings([frame], kinematics, columns)
     time, state = (
-        np.concatenate([np.ravel(getattr(w.own, name)) for w in one.windows(kinematics)])
+        np.concatenate([np.ravel(getattr(w.inner, name)) for w in one.windows(kinematics)])
         for name in ("time", "extra")
     )
     np.testing.assert_array_equal(state, (time >= 2 - 1e-9) & (time < 3 - 1e-9))

@@ -97,11 +97,11 @@ def test_a_direction_that_is_not_known_does_not_count(tmp_path) -> None:
     one = interrupted(IRB, np.random.default_rng(4), seconds=4.0)
     recording = with_filter(opened(one, tmp_path))
     (window,) = recording.windows(one.dynamics.kinematics)
-    own = window.own
+    inner = window.inner
     passive = one.dynamics.kinematics.passive_friction
-    slide = passive.rates(own.z, own.qd, own.qdd).speed[:, 0]
-    turns = [np.flatnonzero(np.diff(np.sign(x))) for x in (*own.qd.T, slide)]
-    out = own.weights == 0
+    slide = passive.rates(inner.z, inner.qd, inner.qdd).speed[:, 0]
+    turns = [np.flatnonzero(np.diff(np.sign(x))) for x in (*inner.qd.T, slide)]
+    out = inner.weights == 0
     for i in range(4):
         own_and_slide = np.concatenate([turns[i], turns[4]]) if i < 3 else turns[i]
         for row in own_and_slide:
@@ -111,7 +111,7 @@ def test_a_direction_that_is_not_known_does_not_count(tmp_path) -> None:
     np.testing.assert_array_equal(window.turning, out.sum(axis=0))
     everything = PreparedRecording(replace(recording.log, keep_all=True), recording.low_pass)
     (window,) = everything.windows(one.dynamics.kinematics)
-    assert np.all(window.own.weights == 1)
+    assert np.all(window.inner.weights == 1)
 
 
 def test_passive_joints_move_as_differences_say() -> None:

@@ -12,7 +12,7 @@ from deltaid.identification.torque_error import torque_error
 from deltaid.recording.masks.masks import (
     Mask,
     joined,
-    kept,
+    kept_shares,
     left_out,
     rolling,
     runs_of,
@@ -216,7 +216,7 @@ def test_weights_of_any_rows() -> None:
     for row, count in ((0, 50), (12, 5), (19, 3), (31, 9), (30, 11), (40, 1), (41, 9)):
         gone = np.stack([within(runs, np.arange(row, row + count)) for runs in spans], axis=1)
         np.testing.assert_array_equal(1.0 - gone, expected[row : row + count])
-    np.testing.assert_allclose(kept(masks, 2, 50), expected.mean(axis=0))
+    np.testing.assert_allclose(kept_shares(masks, 2, 50), expected.mean(axis=0))
 
 
 @pytest.mark.parametrize(("rate", "cutoff"), [(1000.0, 30.0), (12000.0, 60.0), (1000.0, None)])
@@ -271,7 +271,7 @@ def test_noise_is_judged_rightly_under_masks(tmp_path) -> None:
     spans = [((int(k % 3), 1), int(a), int(min(b, a + 40 + k))) for k, (a, b) in enumerate(at)]
     recording = with_filter(by_hand(log, *spans), 20.0)
     assert recording.low_pass is not None
-    left = kept(recording.log.masks, 3, log.samples)
+    left = kept_shares(recording.log.masks, 3, log.samples)
     assert left.min() < 0.5
     assert np.ptp(left) > 0.1
     expected = sigma * recording.low_pass.noise_gain

@@ -33,7 +33,7 @@ def judged(
     parts = [ca.SX(ca.DM(np.array(x))) for x in (rho, S, bound, T, column)]
     residual = ContactResidual(*parts, ca.SX(light), ca.SX(heavy))
     found = contact(residual, ca.SX(before), U)
-    names = ("size", "found", "limb", "force", "effort", "information")
+    names = ("size", "detected", "limb", "force", "effort", "information")
     f = ca.Function("f", [], [getattr(found, name) for name in names])
     return dict(zip(names, (np.array(x).squeeze() for x in f.call([])), strict=True))
 
@@ -61,7 +61,7 @@ def test_more_drives_and_fewer_alarms_need_more() -> None:
 def test_push_at_the_platform() -> None:
     force = np.array([20.0, -30.0, 10.0])
     found = judged(-T.T @ force)
-    assert found["found"] == 1
+    assert found["detected"] == 1
     assert found["limb"] == 0
     np.testing.assert_allclose(found["force"], force, rtol=1e-9)
     np.testing.assert_allclose(found["effort"], T.T @ force, rtol=1e-9)
@@ -82,7 +82,7 @@ def test_a_limb_explains_what_leaves_no_more_than_noise(share: float, limb: int)
 def test_push_at_a_limb(drive: int) -> None:
     rho = 12.0 * np.eye(4)[drive]
     found = judged(rho)
-    assert found["found"] == 1
+    assert found["detected"] == 1
     assert found["limb"] == drive + 1
     assert found["effort"][drive] == pytest.approx(-12.0)
 
@@ -94,37 +94,37 @@ def test_size_is_mahalanobis_distance() -> None:
 
 def test_no_contact_has_no_place_and_no_force() -> None:
     found = judged([0.1, 0.2, -0.1, 0.0])
-    assert found["found"] == 0
+    assert found["detected"] == 0
     assert found["limb"] == -1
     np.testing.assert_array_equal(found["force"], 0)
 
 
 def test_friction_at_rest_is_no_contact() -> None:
     rho = np.array([8.0, -8.0, 8.0, 0.1])
-    assert judged(rho)["found"] == 1
+    assert judged(rho)["detected"] == 1
     held = judged(rho, bound=(6.5, 6.5, 6.5, 0.5))
-    assert held["found"] == 0
+    assert held["detected"] == 0
     assert held["size"] == 0
     more = judged(2 * rho, bound=(6.5, 6.5, 6.5, 0.5))
-    assert more["found"] == 1
+    assert more["detected"] == 1
     np.testing.assert_allclose(more["effort"][:3], -np.sign(rho[:3]) * (16 - 1.3 * 6.5))
 
 
 def test_contact_holds_until_it_is_well_below_the_threshold() -> None:
     rho = np.sqrt(S[0, 0]) * 0.7 * U * np.array([1.0, 0, 0, 0])
-    assert judged(rho)["found"] == 0
-    assert judged(rho, before=1.0)["found"] == 1
-    assert judged(0.5 * rho, before=1.0)["found"] == 0
+    assert judged(rho)["detected"] == 0
+    assert judged(rho, before=1.0)["detected"] == 1
+    assert judged(0.5 * rho, before=1.0)["detected"] == 0
 
 
 def test_what_a_load_explains_is_no_contact_where_nobody_tells() -> None:
     kilogram = T.T @ np.array([0.0, 0.0, -9.81]) + np.array([0.3, 0.1, -0.2, 0.0])
-    assert judged(2.0 * kilogram)["found"] == 1
-    assert judged(2.0 * kilogram, lifted=kilogram, light=-1.0, heavy=3.0)["found"] == 0
-    assert judged(9.0 * kilogram, lifted=kilogram, light=-1.0, heavy=3.0)["found"] == 1
-    assert judged(-4.0 * kilogram, lifted=kilogram, light=-1.0, heavy=3.0)["found"] == 1
+    assert judged(2.0 * kilogram)["detected"] == 1
+    assert judged(2.0 * kilogram, lifted=kilogram, light=-1.0, heavy=3.0)["detected"] == 0
+    assert judged(9.0 * kilogram, lifted=kilogram, light=-1.0, heavy=3.0)["detected"] == 1
+    assert judged(-4.0 * kilogram, lifted=kilogram, light=-1.0, heavy=3.0)["detected"] == 1
     aside = -T.T @ np.array([40.0, 0.0, 0.0])
-    assert judged(aside, lifted=kilogram, light=-1.0, heavy=3.0)["found"] == 1
+    assert judged(aside, lifted=kilogram, light=-1.0, heavy=3.0)["detected"] == 1
 
 
 def test_least_force_is_found_in_95_of_100_cases() -> None:
@@ -145,7 +145,7 @@ def test_place_does_not_suffer_from_a_load_that_nobody_told(drive: int) -> None:
     for mass in (0.0, 1.5):
         rho = 20.0 * np.eye(4)[drive] + mass * kilogram
         found = judged(rho, lifted=kilogram, light=0.0, heavy=3.0)
-        assert found["found"] == 1
+        assert found["detected"] == 1
         assert found["limb"] == drive + 1
     aside = judged(-T.T @ np.array([40.0, 20.0, 0.0]), lifted=kilogram, light=0.0, heavy=3.0)
     assert aside["limb"] == 0

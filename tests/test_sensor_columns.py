@@ -57,8 +57,8 @@ def shown(recording: PreparedRecording) -> tuple[np.ndarray, dict[str, np.ndarra
     """Times, and what each sensor shows."""
     windows = list(recording.windows(dynamics().kinematics))
     columns = recording.log.columns
-    parts = [columns.shown(w.own.extra) for w in windows]
-    time = np.concatenate([w.own.time for w in windows])
+    parts = [columns.shown(w.inner.extra) for w in windows]
+    time = np.concatenate([w.inner.time for w in windows])
     return time, {name: np.hstack([part[name] for part in parts]) for name in parts[0]}
 
 

@@ -154,7 +154,7 @@ def test_offsets_a_step_and_a_slope_are_least_squares() -> None:
     weights = np.linalg.lstsq(A, of_drive.left.ravel(), rcond=None)[0]
     found = locally(of_drive, shape)
     np.testing.assert_allclose(found.left.ravel(), of_drive.left.ravel() - A @ weights, atol=1e-9)
-    assert found.seen == pytest.approx(weights[20])
+    assert found.step_share == pytest.approx(weights[20])
 
 
 def test_what_samples_next_to_a_step_miss_is_a_share_of_it() -> None:
@@ -191,7 +191,7 @@ def test_a_step_that_noise_hides_nearby_is_a_step(share: float, expected: bool) 
     columns -= columns.mean(axis=2, keepdims=True)
     flat = columns.reshape(2, -1)
     std = float(np.sqrt(np.mean(near.left**2) * np.linalg.inv(flat @ flat.T)[0, 0]))
-    local = Local(of_drive.left, near.seen + share * 3 * std)
+    local = Local(of_drive.left, near.step_share + share * 3 * std)
     assert is_abrupt(local, of_drive, 0.0) == expected
 
 

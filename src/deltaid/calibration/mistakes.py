@@ -66,7 +66,7 @@ def require_plausible(loops: Loops, known: Unknowns, instrument: Instrument) -> 
     )
     better = [entry for entry in hypotheses if entry[0] < LITTLE * here]
     if better:
-        least = min(left for left, _, _ in better)
+        least = min(misfit for misfit, _, _ in better)
         like = [entry for entry in better if entry[0] <= 1.5 * least]
         causes = [what for _, what, _ in like]
         exchanged = [what for what in causes if what.startswith("drives ")]

@@ -172,7 +172,9 @@ def _after_fit(
 ) -> Iterator[Verdict]:
     problem, several = result.problem, len(opened) > 1
     for record, verdicts, recording in zip(opened, before, result.recordings, strict=True):
-        kept = [v for verdict in verdicts if (v := _kept(verdict, recording, result, described))]
+        kept = [
+            v for verdict in verdicts if (v := _unresolved(verdict, recording, result, described))
+        ]
         yield from named_verdicts(record, confirmed(record, kept), several=several)
     if several:  # together they may determine what none does alone
         strokes = [record.moved for record in opened]
@@ -193,7 +195,7 @@ def _after_fit(
         yield from named_verdicts(record, confirmed(record, judged), several=several)
 
 
-def _kept(
+def _unresolved(
     verdict: Verdict,
     recording: PreparedRecording,
     result: Identification,

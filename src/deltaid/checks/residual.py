@@ -22,7 +22,7 @@ from deltaid.effects.effect import Cause, DescribedEffect, causes_of
 from deltaid.effects.unexplained import FreeTorque, in_words
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
-from deltaid.identification.study import ADEQUATE, Study, longest, rests, unexplained
+from deltaid.identification.study import ADEQUATE, Study, longest, rest_of_each_drive, unexplained
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.recording import PreparedRecording
 
@@ -155,7 +155,7 @@ def _rest(study: Study, *, rings: bool) -> Verdict:
     explains it, and a residual below any measurement shows computed torques."""
     if (computed := _computed(study)) is not None:
         return computed
-    every = sorted(rests(study), key=lambda rest: rest.systematic, reverse=True)
+    every = sorted(rest_of_each_drive(study), key=lambda rest: rest.systematic, reverse=True)
     rest = next((rest for rest in every if rest.is_unexplained), None)
     if rings or rest is None:
         seen = "what the fit leaves of the torques follows neither speed, place, time nor load"

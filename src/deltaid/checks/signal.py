@@ -10,7 +10,7 @@ from deltaid.estimation.spectra import bandwidth, jitter, step_of, white_noise
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log
-from deltaid.recording.masks.masks import RESTS, Reason, kept
+from deltaid.recording.masks.masks import RESTS, Reason, kept_shares
 from deltaid.recording.opening import NO_RATE, OTHER_RATE
 from deltaid.recording.source import INCOMPLETE
 from deltaid.recording.time.clock import HIGHEST_RATE, JITTER
@@ -234,7 +234,7 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
 
 def _excluded(log: Log, reasons: tuple[Reason, ...]) -> list[float]:
     masks = [mask for mask in log.masks if mask.reason in reasons]
-    return (1.0 - kept(masks, len(log.columns.position), log.samples)).tolist()
+    return (1.0 - kept_shares(masks, len(log.columns.position), log.samples)).tolist()
 
 
 def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:

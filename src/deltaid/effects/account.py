@@ -103,7 +103,7 @@ class _Trial:
     Attributes:
         A: its columns, less their part in the explained span.
         basis: makes an orthonormal basis A @ basis of them.
-        beside: rank of the explained span.
+        explained_rank: rank of the explained span.
         tries: decimal logarithm of the number of candidates that it was chosen from.
     """
 
@@ -111,7 +111,7 @@ class _Trial:
     A: Columns
     basis: Float[np.ndarray, "columns rank"]
     residual: Rows
-    beside: int
+    explained_rank: int
     tries: float
 
     @cached_property
@@ -129,7 +129,7 @@ class _Trial:
     @property
     def noise(self) -> float:
         after = max(self.total - self.gain, 1e-12 * self.total, 1e-300)
-        return after / max(len(self.residual) - self.beside - self.rank, 1)
+        return after / max(len(self.residual) - self.explained_rank - self.rank, 1)
 
     def surprise(self, level: float) -> float:
         return surprise(self.gain / level, self.rank) - self.tries
@@ -138,7 +138,7 @@ class _Trial:
         """What it explains, with the noise level by rows or, if larger, by scatter between
         stretches of time."""
         U = self.A @ self.basis
-        own = Explanation.by_columns(U, self.residual, groups, self.beside)
+        own = Explanation.by_columns(U, self.residual, groups, self.explained_rank)
         more = self.surprise(max(self.noise, own.level))
         return Contribution(U, self.gain, own.left, own.level, self.candidate, more)
 

@@ -136,7 +136,7 @@ class LagColumns(TimingColumns):
                 "s",
                 lambda w, late, rise: late,
                 min(group.deviation, LAG),
-                group.beside,
+                group.remaining_lag,
             )
             for group in self.groups
             if group.free
@@ -173,7 +173,7 @@ class LagColumns(TimingColumns):
         corrections = list[Correction]()
         spread = max(delays, default=0.0) - min(delays, default=0.0)
         for group in self.groups:
-            value, half = group.delay + group.beside, NORMAL * group.deviation
+            value, half = group.delay + group.remaining_lag, NORMAL * group.deviation
             ends: Ends = (value - half, value + half)
             if group.free:
                 fitted = next(values).moved(group.delay)

@@ -45,7 +45,7 @@ class LagGroup:
 
     drives: tuple[int, ...]  # their numbers
     delay: float  # lag that has been corrected already [s]
-    beside: float = 0.0  # additional lag that reversals, which no fit has, determine [s]
+    remaining_lag: float = 0.0  # additional lag that reversals, which no fit has, determine [s]
     deviation: float = np.inf  # its standard deviation; infinite if nothing is known [s]
     free: bool = True  # whether the fit may change it; not where other rows contradict reversals
 
@@ -203,7 +203,7 @@ class Timing:
         reach = max(abs(end - self.about) for end in ends) + log.samples / log.rate
         return LagGrowth(self.rate, self.about, float(reach))
 
-    def beside(self, trace: Trace) -> Trace:
+    def corrected(self, trace: Trace) -> Trace:
         """A trace with lags corrected, and the model's torques filtered like the recorded ones."""
         constants = tuple(self.constants.tolist()) if np.any(self.constants) else ()
         trace, delays = replace(trace, constants=constants), self.lags - self.constants

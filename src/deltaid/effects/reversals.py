@@ -82,7 +82,7 @@ class Local:
     """The residual of steps after least squares, and α."""
 
     left: Around
-    seen: float
+    step_share: float
 
 
 def lags_of_reversals(
@@ -177,11 +177,11 @@ def located(steps: Steps, known: float, reach: float) -> tuple[float, float] | N
     for _ in range(2):
         shape = sharp(steps.after, place[0])
         local = locally(steps, shape)
-        if local.seen < _SEEN:
+        if local.step_share < _SEEN:
             return None
-        residual = local.left + local.seen * steps.jump[:, None] * shape
+        residual = local.left + local.step_share * steps.jump[:, None] * shape
         variance = float(np.mean(local.left**2))
-        place = _posterior(steps, residual, local.seen, variance, known, reach)
+        place = _posterior(steps, residual, local.step_share, variance, known, reach)
     return place
 
 
@@ -220,7 +220,7 @@ def behind_filter(steps: Steps, known: float, period: float) -> tuple[float, flo
     k, m = np.unravel_index(np.argmin(misses), misses.shape)
     best = trials[k][m]
     off = misfit(best, steps, float(places[k] - constants[m]))
-    if best.seen < _SEEN or off > _ROUGH:
+    if best.step_share < _SEEN or off > _ROUGH:
         return None
     variance = max(float(misses[k, m]) / steps.left.size, _TINY)
     share = np.exp((misses[k, m] - misses) / (2 * variance)).sum(axis=1)
@@ -238,7 +238,7 @@ def misfit(local: Local, steps: Steps, place: float) -> float:
     near, far = np.mean(local.left[adjacent] ** 2), np.mean(local.left[~adjacent] ** 2)
     if near <= (1 + _EXCESS * np.sqrt(2 / max(np.count_nonzero(adjacent), 1))) * far:
         return 0.0
-    return float(np.sqrt((near - far) / np.mean(steps.jump**2)) / local.seen)
+    return float(np.sqrt((near - far) / np.mean(steps.jump**2)) / local.step_share)
 
 
 def is_abrupt(local: Local, steps: Steps, place: float) -> bool:
@@ -251,7 +251,7 @@ def is_abrupt(local: Local, steps: Steps, place: float) -> bool:
     few = Steps(steps.after[:, part], steps.left[:, part], steps.jump)
     near = locally(few, sharp(few.after, place))
     scatter = np.sqrt(np.mean(near.left**2) / (_OWN * np.sum(steps.jump**2)))
-    return local.seen - near.seen < max(0.5 * local.seen, SURE * float(scatter))
+    return local.step_share - near.step_share < max(0.5 * local.step_share, SURE * float(scatter))
 
 
 def locally(steps: Steps, shape: Around) -> Local:
@@ -264,11 +264,11 @@ def locally(steps: Steps, shape: Around) -> Local:
 
 
 def _posterior(
-    steps: Steps, r: Around, seen: float, variance: float, known: float, reach: float
+    steps: Steps, r: Around, step_share: float, variance: float, known: float, reach: float
 ) -> tuple[float, float]:
-    """Mean and standard deviation of δ by log L of the residuals r without o_k and β; `seen` is α,
-    the prior is uniform within reach of the known lag."""
-    gain = seen * steps.jump[:, None] * r / max(variance, _TINY)
+    """Mean and standard deviation of δ by log L of the residuals r without o_k and β; `step_share`
+    is α, the prior is uniform within reach of the known lag."""
+    gain = step_share * steps.jump[:, None] * r / max(variance, _TINY)
     order = np.argsort(steps.after.ravel())
     times, gain = steps.after.ravel()[order], gain.ravel()[order]
     inner = np.abs(times - known) < reach

@@ -95,7 +95,7 @@ def _dead_times(
 def _may_be_clock(rows: TraceRows, trace: Trace, none: Timing) -> bool:
     """Whether torques with lags corrected may have a clock of their own."""
     free = FreeTiming(np.zeros(len(none.lags), bool), clock=True)
-    step, covariance = free.steps(_linear(rows, none.beside(trace), none, free), rows.size)
+    step, covariance = free.steps(_linear(rows, none.corrected(trace), none, free), rows.size)
     return exceeded(step[-1:], covariance[-1:, -1:], CHANCE)
 
 
@@ -105,7 +105,7 @@ def _swept(rows: TraceRows, trace: Trace, start: Timing, free: FreeTiming) -> Ti
     low = _SHORTEST / trace.low_pass.rate
     duration = float(trace.stretches[-1].time[-1] - trace.stretches[0].time[0])
     for _ in range(ROUNDS):
-        problem = _linear(rows, timing.beside(trace), timing, free)
+        problem = _linear(rows, timing.corrected(trace), timing, free)
         step, covariance = free.steps(problem, rows.size)
         lags, constants, rate = np.split(timing.values + step, [dof, 2 * dof])
         if free.pure:
@@ -160,12 +160,12 @@ def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -
     kept = free.filters & (timing.constants > row)
     dead, errors = _dead_times(timing, np.ones(dof, bool))
     kept &= -dead < row + SURE * np.sqrt(np.diag(errors))
-    kept &= _seen(timing, kept)
+    kept &= _beyond_chance(timing, kept)
     if not kept.any():
         return kept
     reach = int(np.ceil(_TAIL * timing.constants.max() / row))
     away = [replace(run, weights=least_about(run.weights, reach)) for run in trace.stretches]
-    trace = timing.beside(replace(trace, stretches=tuple(away)))
+    trace = timing.corrected(replace(trace, stretches=tuple(away)))
     step, errors = free.steps(_linear(rows, trace, timing, free), rows.size)
     lags, constants = np.flatnonzero(kept), dof + np.flatnonzero(kept)
     of_constants, more = errors[np.ix_(constants, constants)], step[constants]
@@ -183,7 +183,7 @@ def _filtered(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -
     return kept if wide or pure else np.zeros(dof, bool)
 
 
-def _seen(timing: Timing, chosen: Drives) -> Drives:
+def _beyond_chance(timing: Timing, chosen: Drives) -> Drives:
     """Which of the chosen drives have time constants beyond chance: all together, and each alone
     or by agreeing with the others."""
     drives, dof, seen = np.flatnonzero(chosen), len(chosen), np.zeros(len(chosen), bool)
@@ -203,7 +203,7 @@ def _is_clock(rows: TraceRows, trace: Trace, timing: Timing) -> bool:
     """Whether lags grow beyond chance, and by the same rate for all drives."""
     if not exceeded(np.array([timing.rate]), timing.covariance[-1:, -1:], 10**-DETECTED):
         return False
-    corrected, dof = timing.beside(trace), len(timing.lags)
+    corrected, dof = timing.corrected(trace), len(timing.lags)
     late, _, growing = timing_slopes(corrected, timing.p, rows.additions, timing.about)
     lags, growths = (of_own_drives(x[:, :, None]) for x in (late, growing))
     beside = lags, _warm(rows, corrected, timing), growths

@@ -178,7 +178,7 @@ def trace(
     recording = recording.brief.changed(cutoff, columns=columns, keep_all=False)
     assert recording.low_pass is not None  # positions alone are always filtered
     windows_kept = recording.spread(dynamics.kinematics, windows or MOST_WINDOWS)
-    joined = _joined([window.own for window in windows_kept])
+    joined = _joined([window.inner for window in windows_kept])
     gaps = np.flatnonzero(np.diff(joined.time) > GAP / log.rate) + 1
     stretches = tuple(
         joined.part(slice(first, last))

@@ -39,7 +39,7 @@ class Unit:
         name: of the unit.
         result: type of a function's result; empty for a function block.
         notes: what it does, lines of comment.
-        inputs, outputs, own: its variables; a function does not change its inputs.
+        inputs, outputs, local_variables: its variables; a function does not change its inputs.
         body: statements.
         scratch: names of many more local numbers.
     """
@@ -49,7 +49,7 @@ class Unit:
     notes: Sequence[str]
     inputs: Sequence[Variable]
     outputs: Sequence[Variable]
-    own: Sequence[Variable]
+    local_variables: Sequence[Variable]
     body: str
     scratch: Sequence[str] = ()
 
@@ -65,7 +65,7 @@ class Unit:
             ("VAR_INPUT", "inputVars", [v for v in self.inputs if not (self.result and v.size)]),
             ("VAR_IN_OUT", "inOutVars", [v for v in self.inputs if self.result and v.size]),
             ("VAR_OUTPUT", "outputVars", self.outputs),
-            ("VAR", "localVars", self.own),
+            ("VAR", "localVars", self.local_variables),
         ]
 
 
@@ -90,7 +90,9 @@ class PlcProgram:
     @property
     def types(self) -> dict[str, int]:
         """Names and sizes of array types, the smallest first."""
-        variables = (v for unit in self.units for v in (*unit.inputs, *unit.outputs, *unit.own))
+        variables = (
+            v for unit in self.units for v in (*unit.inputs, *unit.outputs, *unit.local_variables)
+        )
         sizes = {v.type: v.size for v in variables if v.size not in (0, *self.declared)}
         return dict(sorted(sizes.items(), key=lambda item: item[1]))
 

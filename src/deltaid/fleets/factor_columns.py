@@ -182,7 +182,7 @@ class GatheredColumns:
         return _generic_base(self.dynamics)
 
     @cached_property
-    def kept(self) -> Int[np.ndarray, " kept"]:
+    def stored(self) -> Int[np.ndarray, " stored"]:
         """Indices of the regressor's columns that go into a file."""
         count = len(self.dynamics.layout.names)
         friction = range(count)[self.dynamics.layout.friction]
@@ -196,7 +196,7 @@ class GatheredColumns:
         """Indices of each drive's columns among the columns of a file."""
         drives, entries = self.regressor.regressor_pattern
         return tuple(
-            np.flatnonzero(np.isin(self.kept, entries[drives == i]))
+            np.flatnonzero(np.isin(self.stored, entries[drives == i]))
             for i in range(self.dynamics.dof)
         )
 
@@ -208,7 +208,7 @@ class GatheredColumns:
     @cached_property
     def place(self) -> dict[str, int]:
         """Index of each name among the columns of a file."""
-        return {self.names[column]: k for k, column in enumerate(self.kept)}
+        return {self.names[column]: k for k, column in enumerate(self.stored)}
 
 
 def map_to(

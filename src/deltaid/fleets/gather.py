@@ -82,7 +82,7 @@ def gathered_columns(problem: FittedProblem, recording: PreparedRecording) -> Ga
     extra = tuple(added for added in problem.additions if isinstance(added, LoadColumns | Warmth))
     columns = GatheredColumns.for_robot(problem.dynamics.robot, _plain_values(problem), extra)
     p = np.zeros(len(columns.names))  # loads are in the recording's gear loads
-    p[columns.kept] = map_to(columns, problem.dynamics) @ problem.p
+    p[columns.stored] = map_to(columns, problem.dynamics) @ problem.p
     lags = LagColumns(
         columns.dynamics, columns.additions, p, recording, alone(problem.dynamics.dof)
     )
@@ -96,7 +96,7 @@ def condensed(
     rows = MeasuredRows(columns.regressor)
     box, parts, names = _cells(columns.dynamics.robot, recording.log.reach)
     places = PlaceSums(box, rows.dof, len(rows.active) + 1, parts)
-    column = np.append(np.searchsorted(rows.active, columns.kept), len(rows.active))
+    column = np.append(np.searchsorted(rows.active, columns.stored), len(rows.active))
     with_tau = [column[np.append(places, -1)] for places in columns.of_drives]
     sizes = [len(places) for places in with_tau]
     # As many stretches and places as fit into a file.
@@ -137,11 +137,11 @@ def geometry_of(
     p, none = _plain_values(problem), np.zeros(columns.dynamics.dof)
     rows = next(
         geometric_rows(
-            columns.regressor, columns.dynamics, recording, p, none + 1.0, active=columns.kept
+            columns.regressor, columns.dynamics, recording, p, none + 1.0, active=columns.stored
         )
     )
     every = np.split(np.column_stack([rows.Y, rows.D, rows.tau]), len(none))
-    shifts = np.arange(len(columns.kept), every[0].shape[1])
+    shifts = np.arange(len(columns.stored), every[0].shape[1])
     drives = zip(every, columns.of_drives, strict=True)
     each = [part[None][:, :, [*places, *shifts]] for part, places in drives]
     return FactorGroups.of_rows(["geometry"], each, none[None], none[None]), rows.names
@@ -232,7 +232,7 @@ def _temperature(recording: PreparedRecording, kinematics: Kinematics) -> Temper
     if recording.log.columns.temperature is None:
         return None
     windows = recording.spread(kinematics, _WINDOWS)
-    T = np.concatenate([temperature(recording, window.own) for window in windows])
+    T = np.concatenate([temperature(recording, window.inner) for window in windows])
     T = T[np.isfinite(T)]
     if not T.size:
         return None
@@ -243,7 +243,7 @@ def _lags(result: Judged) -> tuple[KnownLag, ...]:
     drives = result.model.robot.drives
     delays = result.recordings[0].repairs.lag or (0.0,) * len(drives)
     free = {
-        i: (group.beside, group.deviation if np.isfinite(group.deviation) else None)
+        i: (group.remaining_lag, group.deviation if np.isfinite(group.deviation) else None)
         for lags in result.problem.additions
         if isinstance(lags, LagColumns)
         for group in lags.groups
@@ -252,6 +252,6 @@ def _lags(result: Judged) -> tuple[KnownLag, ...]:
     }
     known = (free.get(i, (0.0, HELD)) for i in range(len(drives)))
     return tuple(
-        KnownLag(drive=drive, delay=delay, beside=beside, deviation=deviation)
-        for drive, delay, (beside, deviation) in zip(drives, delays, known, strict=True)
+        KnownLag(drive=drive, delay=delay, beside=remaining_lag, deviation=deviation)
+        for drive, delay, (remaining_lag, deviation) in zip(drives, delays, known, strict=True)
     )

@@ -109,7 +109,7 @@ def late_rate(recording: PreparedRecording, kinematics: Kinematics) -> Lag | Non
         return None  # too short to be differentiated
     windows = zip(recorded.windows(kinematics), derived.windows(kinematics), strict=True)
     rows = [
-        (x.own.qd, x.own.qdd, y.own.qd, y.own.qdd, y.own.weights)
+        (x.inner.qd, x.inner.qdd, y.inner.qd, y.inner.qdd, y.inner.weights)
         for x, y in islice(windows, FEW_WINDOWS)
     ]
     qd, qdd, qd_derived, qdd_derived, weights = map(np.concatenate, zip(*rows, strict=True))

@@ -302,10 +302,10 @@ def rivals(
         name for name in full.candidates if not (name in now.candidates or is_unexplained(name))
     ]
     trials = {
-        (kept.name, other): full.of_candidates(
-            [other, *(name for name in now.candidates if name != kept.name)]
+        (candidate.name, other): full.of_candidates(
+            [other, *(name for name in now.candidates if name != candidate.name)]
         )
-        for kept in now.droppable if not is_unexplained(kept.name) for other in dropped
+        for candidate in now.droppable if not is_unexplained(candidate.name) for other in dropped
     }  # fmt: skip
     return {
         pair: trial for pair, trial in trials.items()

@@ -112,8 +112,8 @@ def doubted(outcome: ContestOutcome, full: Contest, last: Contest) -> ContestOut
         outcome,
         moves=tuple(dict(zip(names, move.tolist(), strict=True)) for move in moves),
         inseparable=tuple(
-            Inseparable(causes=(cause_in_words(kept), cause_in_words(other)))
-            for kept, other in rivals
+            Inseparable(causes=(cause_in_words(cause), cause_in_words(other)))
+            for cause, other in rivals
         ),
         doubts=_of_limits(outcome) | doubt,
     )

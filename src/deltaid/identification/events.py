@@ -70,14 +70,14 @@ _STANDS = 0.1
 def without_events(setup: Setup, progress: Progress) -> Setup:
     if setup.settings.keep_all or not setup.settings.events:
         return setup
-    corrections, glanced = list[Correction](), list[int]()
+    corrections, by_excerpt = list[Correction](), list[int]()
     for k, recording in enumerate(setup.recordings):
         progress(f"looking for contacts in {recording.path}")
         bare, spans = with_events(recording), ()
         recording = recording.repaired(left_out=bare.repairs.left_out)
         expected = on_time(ExplainedRecording(setup.dynamics, setup.additions, bare))
-        if expected and not setup.closely and _is_excerpt_quiet(expected):
-            glanced.append(k)
+        if expected and not setup.inspects_every_row and _is_excerpt_quiet(expected):
+            by_excerpt.append(k)
         elif expected:
             spans = events(expected)
             recording = recording.repaired(left_out=(*bare.repairs.left_out, *spans))
@@ -85,7 +85,9 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
             recording = recording.repaired(delay=expected.source.recording.repairs.delay)
         setup = setup.with_recording(k, recording)
         corrections += _corrections(spans, recording, setup.robot.drives)
-    return setup.reported(corrections, "contact", "backlash").changed(glanced=tuple(glanced))
+    return setup.reported(corrections, "contact", "backlash").changed(
+        inspected_by_excerpt=tuple(by_excerpt)
+    )
 
 
 def with_events(recording: PreparedRecording) -> PreparedRecording:
@@ -124,13 +126,13 @@ class Watch:
     starts: list[float] = field(default_factory=list[float])
 
     def __call__(self, window: Window) -> None:
-        if len(window.own.time) and has_outliers(self.expected, window):
-            self.starts.append(float(window.own.time[0]))
+        if len(window.inner.time) and has_outliers(self.expected, window):
+            self.starts.append(float(window.inner.time[0]))
 
 
 def watched(setup: Setup) -> Setup:
     """The setup with a watch on recordings of which only an excerpt has been inspected."""
-    for k in setup.glanced:
+    for k in setup.inspected_by_excerpt:
         recording = setup.recordings[k]
         expected = expect(ExplainedRecording(setup.dynamics, setup.additions, recording))
         if expected is not None:

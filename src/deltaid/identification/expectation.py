@@ -108,13 +108,15 @@ class Expectation:
 def expect(source: ExplainedRecording) -> Expectation | None:
     """Fit a recording, or the excerpt of a long one; None without enough data."""
     recording, size = source.recording, _length(source.recording.log.rate)
-    parts = [w.own for w in recording.brief.spread(source.dynamics.kinematics, MOST_WINDOWS)]
+    parts = [w.inner for w in recording.brief.spread(source.dynamics.kinematics, MOST_WINDOWS)]
     parts = [w for w in parts if len(w.time) >= size]
     blocks = _Blocks.cut(source, parts, size) if parts else None
     if blocks is None or not np.any(blocks.counts.sum(axis=1) >= _FEWEST * _SPEEDS):
         return None
     p, x, scale = _fitted(blocks, source)
-    speeds, scale = _by_speed(blocks, blocks.tau - blocks.Y @ p - blocks.beside(p) @ x, scale)
+    speeds, scale = _by_speed(
+        blocks, blocks.tau - blocks.Y @ p - blocks.nuisance_columns(p) @ x, scale
+    )
     fit = Expectation(source, p, blocks.nuisance, x, speeds, scale, np.zeros(len(scale)))
     steps = [np.diff(fit.compared(w)[0], axis=1) for w in parts]
     noise = deviation(np.concatenate(steps, axis=1)) / np.sqrt(2)
@@ -181,7 +183,7 @@ class _Blocks:
         tau = np.einsum("dbs,dbs->db", cut(w.tau.T), share)
         return Y, rise, friction, tau, cut(w.qd.T).mean(axis=-1), sums > 0.5 * size
 
-    def beside(self, p: Float[np.ndarray, " parameters"]) -> ColumnsOfDrives:
+    def nuisance_columns(self, p: Float[np.ndarray, " parameters"]) -> ColumnsOfDrives:
         """All nuisance columns, those of torques by parameters p."""
         of_torque = of_torques(self.Y @ p, self.rise @ p, self.speed)
         return np.concatenate([self.friction, of_own_drives(of_torque.transpose(0, 2, 1))], axis=2)
@@ -198,7 +200,7 @@ def _fitted(b: _Blocks, source: ExplainedRecording) -> tuple[np.ndarray, np.ndar
     target, p, x = b.tau - b.Y @ prior, prior, np.zeros(len(spread))
     scale, root = np.full(len(torque), np.nan), b.counts / torque[:, None]
     for sweep in range(_SWEEPS):
-        A = np.concatenate([b.Y, b.beside(p)], axis=2) * spread
+        A = np.concatenate([b.Y, b.nuisance_columns(p)], axis=2) * spread
         y, h = _ridge(A, target, root, 1.0 if sweep else _START)
         x = spread * y
         p = prior + x[:columns]

@@ -138,7 +138,7 @@ def gather(
                 window.start // recording.filter.thinned, of_window.y.shape[1], length
             )
         ]
-        r = robot.task.point(window.own.z[:: recording.filter.thinned])
+        r = robot.task.point(window.inner.z[:: recording.filter.thinned])
         return pieces, places.visits(r, chunks) if places else []
 
     def numbered() -> Iterator[tuple[int, Condensed]]:

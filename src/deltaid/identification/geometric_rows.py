@@ -170,7 +170,7 @@ def _beginning(
     recording."""
     most, drives, parts = _SECONDS * recording.log.rate, np.arange(measured.drives), []
     for window in islice(recording.brief.windows(dynamics.kinematics), MOST_WINDOWS):
-        rows, samples = measured.filtered(window, recording, p), window.own
+        rows, samples = measured.filtered(window, recording, p), window.inner
         counts = window.filtered(lambda w: w.weighted(np.ones_like(w.tau.T), drives))
         counts = np.vstack([counts, np.sqrt(rows.counted[measured.drives :])])
         motion = (x[:: window.low_pass.thinned].T for x in (samples.z, samples.qd, samples.qdd))

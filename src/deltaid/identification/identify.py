@@ -206,7 +206,7 @@ def _confirmed(
             setup, problem = confirmed, fitted(confirmed)
     setup, detected = unwatched(setup)
     if detected:
-        return _confirmed(first.changed(closely=True), progress)
+        return _confirmed(first.changed(inspects_every_row=True), progress)
     needless = idle(setup, problem)
     barred, effects = first.barred | needless.terms, first.barred_effects | needless.effects
     if effects != first.barred_effects:

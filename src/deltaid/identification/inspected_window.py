@@ -29,7 +29,7 @@ _TOGETHER = 4.0
 
 @dataclass(frozen=True, eq=False)
 class InspectedWindow:
-    """A window's own samples, one a column."""
+    """A window's inner samples, one a column."""
 
     time: Float[np.ndarray, " samples"]
     z: Torques  # task coordinates
@@ -71,7 +71,7 @@ def inspected_window(expected: Expectation, window: Window) -> InspectedWindow:
         removed = _removed_torques(window, expected, mean)
     speed = np.abs(wide.qd.T) / expected.nuisance.speed[: len(mean), None]
     by_drive = (wide.z.T, mean, size, rough, spikes, signs, removed, speed)
-    return InspectedWindow(window.own.time, *(window.trimmed(values.T).T for values in by_drive))
+    return InspectedWindow(window.inner.time, *(window.trimmed(values.T).T for values in by_drive))
 
 
 def _removed_torques(window: Window, expected: Expectation, mean: Torques) -> Torques:

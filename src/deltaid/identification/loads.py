@@ -192,12 +192,12 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
         with_loads = contested(setup, progress)
     else:
         return setup
-    needed = _kept(with_loads)
+    needed = _kept_causes(with_loads)
     if not needed and _is_adequate(with_loads):
         return with_loads
     # Other causes may look like a load.
     without_loads = contested(first.changed(studies=()), progress)
-    kept = _kept(without_loads)
+    kept = _kept_causes(without_loads)
     if kept and _is_adequate(without_loads) and (kept <= needed or not _is_adequate(with_loads)):
         return without_loads
     return with_loads
@@ -226,7 +226,7 @@ def _is_filled(recording: PreparedRecording, held: Sequence[tuple[float, float]]
     return False
 
 
-def _kept(setup: Setup) -> set[str]:
+def _kept_causes(setup: Setup) -> set[str]:
     return set(setup.outcome.kept) if setup.outcome else set()
 
 

@@ -213,7 +213,7 @@ def without_recurring(
         LeftSpan(start - margin, end + margin, BACKLASH, gear=gear) for start, end, gear in spoilt
     ]
     rest = ~(friction | play)
-    return [stretch for stretch, kept in zip(stretches, rest, strict=True) if kept], spans
+    return [stretch for stretch, remains in zip(stretches, rest, strict=True) if remains], spans
 
 
 def at_changes(

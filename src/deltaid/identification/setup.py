@@ -94,8 +94,8 @@ class Setup:
         corrections: in the order in which they were made.
         barred, barred_effects: friction terms and effects that a fit has put at zero; they are not
             chosen again.
-        closely: whether every row is inspected for events, not only excerpts.
-        glanced: numbers of the recordings of which only an excerpt was inspected.
+        inspects_every_row: whether every row is inspected for events, not only excerpts.
+        inspected_by_excerpt: numbers of the recordings of which only an excerpt was inspected.
         studies: of each recording before undeclared causes are corrected; empty at first.
         detected: studies that detected undeclared loads, by the loads' names.
         outcome: of the contest of causes.
@@ -109,8 +109,8 @@ class Setup:
     friction_choice: FrictionChoice | None = None
     barred: frozenset[JointTerm] = frozenset()
     barred_effects: frozenset[str] = frozenset()
-    closely: bool = False
-    glanced: tuple[int, ...] = ()
+    inspects_every_row: bool = False
+    inspected_by_excerpt: tuple[int, ...] = ()
     studies: tuple[Study | None, ...] = ()
     detected: Mapping[str, Study] = field(default_factory=dict[str, Study])
     outcome: ContestOutcome | None = None

@@ -211,7 +211,7 @@ class Rest(NamedTuple):
         return self.is_far or self.follows is not None
 
 
-def rests(study: Study) -> tuple[Rest, ...]:
+def rest_of_each_drive(study: Study) -> tuple[Rest, ...]:
     """The rest of each drive."""
     low_pass, causes = study.fit.trace.low_pass, causes_of(study.fit, study.account)
     noise = white_noise(unexplained(study)) * low_pass.noise_gain
@@ -256,7 +256,7 @@ def left_of_a_drive(study: Study) -> float:
     ]
     later = max((share for is_contested, share in causes if not is_contested), default=0.0)
     contested = [share for is_contested, share in causes if is_contested and share > later]
-    unknown = (rest.part for rest in rests(study) if rest.is_unexplained)
+    unknown = (rest.part for rest in rest_of_each_drive(study) if rest.is_unexplained)
     return max([*contested, *unknown], default=0.0)
 
 

@@ -69,18 +69,18 @@ def predict(
     """
 
     def predicted(window: Window) -> PredictedTorques:
-        own, wide = window.own, window.wide
+        inner, wide = window.inner, window.wide
         tau = predicted_torques(dynamics, p, wide)
         torques = wide.weighted(np.hstack([wide.tau, tau]).T, np.tile(np.arange(dynamics.dof), 2))
         filtered_measured, filtered_predicted = np.split(window.smoothed(torques).T, 2, axis=1)
         counted = window.counted(window.low_pass.stride).T
         unweighted = bool(np.all(counted == 1.0))
         return PredictedTorques(
-            time=own.time,
-            speed=own.qd,
-            measured=own.tau,
+            time=inner.time,
+            speed=inner.qd,
+            measured=inner.tau,
             predicted=window.trimmed(tau),
-            weights=own.weights,
+            weights=inner.weights,
             filtered_measured=filtered_measured,
             filtered_predicted=filtered_predicted,
             gain=np.ones_like(counted) if unweighted else window.smoothed(wide.weights.T).T,
@@ -115,18 +115,18 @@ def torque_error(dynamics: Dynamics, p: Parameters, recording: PreparedRecording
     dof = dynamics.dof
 
     def sums(window: Window) -> tuple[np.ndarray, ...]:
-        own, wide = window.own, window.wide
+        inner, wide = window.inner, window.wide
         error = wide.tau - predicted_torques(dynamics, p, wide)
         torques = wide.weighted(np.hstack([error, wide.tau]).T, np.tile(np.arange(dof), 2))
         filtered, tau = np.split(window.smoothed(torques, thinned=True), 2)
-        raw = np.sum((own.weights * window.trimmed(error)) ** 2, axis=0)
+        raw = np.sum((inner.weights * window.trimmed(error)) ** 2, axis=0)
         samples = (
             window.counted(recording.filter.thinned).sum(axis=1),
-            np.sum(own.weights**2, axis=0),
+            np.sum(inner.weights**2, axis=0),
         )
-        counts = np.stack([*samples, window.turning, np.full(dof, len(own.time))])
+        counts = np.stack([*samples, window.turning, np.full(dof, len(inner.time))])
         power = np.sum(tau**2, axis=1)
-        return filtered @ filtered.T, power, raw, counts, np.abs(own.qd).max(axis=0, initial=0.0)
+        return filtered @ filtered.T, power, raw, counts, np.abs(inner.qd).max(axis=0, initial=0.0)
 
     totals = np.zeros((dof, dof)), np.zeros(dof), np.zeros(dof), np.zeros((4, dof))
     fastest = np.zeros(dof)

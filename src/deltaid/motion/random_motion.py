@@ -104,11 +104,11 @@ def tamed(dynamics: Dynamics, p: Parameters, motion: FourierMotion) -> FourierMo
         KinematicsError: the path leaves the workspace, or standing on it takes too much torque.
     """
     limits, turn = LimitsAlong(dynamics), dynamics.robot.task.turn
-    if turn is not None and not _kept(limits, p, motion):
+    if turn is not None and not _is_within(limits, p, motion):
         still = _turning(motion, turn, 0.0)
-        if _kept(limits, p, still):
+        if _is_within(limits, p, still):
             ladder = (_turning(motion, turn, _LESS**k) for k in range(1, _STEPS))
-            return next((m for m in ladder if _kept(limits, p, m)), still)
+            return next((m for m in ladder if _is_within(limits, p, m)), still)
     use: dict[str, float] = {}
     for k in range(_STEPS + 1):
         slower = replace(motion, base_frequency=motion.base_frequency * _LESS**k)
@@ -130,7 +130,7 @@ def _turning(motion: FourierMotion, turn: int, factor: float) -> FourierMotion:
     return replace(motion, sine=motion.sine * scale, cosine=motion.cosine * scale)
 
 
-def _kept(limits: LimitsAlong, p: Parameters, motion: FourierMotion) -> bool:
+def _is_within(limits: LimitsAlong, p: Parameters, motion: FourierMotion) -> bool:
     return max(_use(limits, p, motion).values(), default=0.0) <= 1.0
 
 

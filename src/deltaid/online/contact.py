@@ -111,7 +111,7 @@ class Contact:
 
     Attributes:
         size: χ / u; a contact where it is above 1.
-        found: 1 during a contact, else 0.
+        detected: 1 during a contact, else 0.
         limb: drive whose limb is pushed, from 1 on; 0 for the platform, −1 without a contact.
         force: on the platform, if that is pushed [N].
         effort: external torque on each drive [N m or N].
@@ -119,7 +119,7 @@ class Contact:
     """
 
     size: ca.SX
-    found: ca.SX
+    detected: ca.SX
     limb: ca.SX
     force: ca.SX
     effort: ca.SX
@@ -147,7 +147,7 @@ def contact(
     solved = cholesky_solve(r.covariance, ca.horzcat(beyond, T.T))
     length, information = ca.dot(beyond, solved[:, 0]), T @ solved[:, 1:]
     size = ca.if_else(live, ca.sqrt(ca.fmax(length, 0.0)) / u, 0.0)
-    found = ca.if_else(size > ca.if_else(before > 0.5, _HOLDS, 1.0), 1.0, 0.0)
+    detected = ca.if_else(size > ca.if_else(before > 0.5, _HOLDS, 1.0), 1.0, 0.0)
     # The place, with an unsignalled load as noise: subtracting the likeliest load would subtract a
     # part of a push as well.
     whole = r.lifted * (r.heavy - r.light)
@@ -158,9 +158,9 @@ def contact(
     limb = _limb(weighted, inverse, ca.dot(rho, weighted))
     return Contact(
         size=size,
-        found=found,
-        limb=ca.if_else(found > 0.5, limb, -1.0),
-        force=ca.if_else(ca.logic_and(found > 0.5, limb < 0.5), force, 0.0),
+        detected=detected,
+        limb=ca.if_else(detected > 0.5, limb, -1.0),
+        force=ca.if_else(ca.logic_and(detected > 0.5, limb < 0.5), force, 0.0),
         effort=-rho,
         information=information,
     )

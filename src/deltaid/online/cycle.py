@@ -114,8 +114,8 @@ def contact_of(cycle: Cycle) -> None:
         every(s.settled, ca.logic_or(s.calm, since > 0)),
     )
     seen = contact(residual, touched, u, judged)
-    lasts = ca.if_else(seen.found > 0.5, ca.fmin(since + settings.period, LONGEST), 0.0)
-    pushed = ca.logic_and(seen.found > 0.5, lasts < LONGEST)
+    lasts = ca.if_else(seen.detected > 0.5, ca.fmin(since + settings.period, LONGEST), 0.0)
+    pushed = ca.logic_and(seen.detected > 0.5, lasts < LONGEST)
     pauses = ca.if_else(
         pushed, 2 * SETTLED / settings.corner, ca.fmax(rests - settings.period, 0.0)
     )
@@ -123,12 +123,12 @@ def contact_of(cycle: Cycle) -> None:
     pauses = ca.if_else(cycle.estimates.change.signalled, 0.0, pauses)
     found = ca.fmin((seen.size * u) ** 2 * larger / dof, LARGEST_STEP)
     memory = ca.if_else(found > excess, LEARNT, _MEMORY)
-    learns = every(s.settled, s.calm, seen.found < 0.5)
+    learns = every(s.settled, s.calm, seen.detected < 0.5)
     learnt = excess + settings.period / memory * learns * (found - excess)
     of_drives = "N" if all(robot.linear_drives) else "N m"
     fields.following |= {"contact_time": lasts, "contact_rests": pauses, "excess": learnt}
     fields.give(
-        ("contact", seen.found, "1 while there is a contact"),
+        ("contact", seen.detected, "1 while there is a contact"),
         ("contact_size", seen.size, "size of the residual, 1 at the threshold"),
         ("contact_limb", seen.limb,
          "drive whose limb is touched, 0 the platform, -1 no contact"),

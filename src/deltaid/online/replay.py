@@ -22,7 +22,7 @@ from deltaid.online.settings import MOST_STALE, OnlineSettings
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.masks.masks import Mask, Reason, joined_times, kept
+from deltaid.recording.masks.masks import Mask, Reason, joined_times, kept_shares
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
 from deltaid.recording.source import BATCH_ROWS
@@ -117,7 +117,7 @@ class Replay:
         """Share of rows that are masked for some reasons."""
         masks = [mask for mask in self.masks if mask.reason in reasons]
         masks = [mask for mask in masks if mask.reason not in _BRAKES or mask in self.powerless]
-        return float(np.max(1.0 - kept(masks, len(self.ends), self.log.samples)))
+        return float(np.max(1.0 - kept_shares(masks, len(self.ends), self.log.samples)))
 
     def _cycles(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Cycles:
         c, dof = self.log.columns, len(self.log.columns.torque)
@@ -181,7 +181,7 @@ def open_replay(
             where=str(opened.path),
             cure="give a whole recording",
         )
-    share = float(np.max(1.0 - kept(stale, 1, opened.samples)))
+    share = float(np.max(1.0 - kept_shares(stale, 1, opened.samples)))
     if share > MOST_STALE:
         raise RecordingError(
             f"{percent(share)} of its rows repeat the one before them while the robot moves",

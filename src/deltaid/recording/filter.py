@@ -145,7 +145,7 @@ class LowPass:
         return (self.lost - 1) * self.stride + len(self.lead)
 
     def samples_of(self, rows: int) -> int:
-        """Number of own samples of a window that is made from `rows` rows."""
+        """Number of inner samples of a window that is made from `rows` rows."""
         apart = (rows - len(self.lead)) // self.stride + 1
         return max(0, apart - self.lost) * self.stride
 

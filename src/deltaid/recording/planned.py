@@ -194,7 +194,7 @@ def motion_of(recording: PreparedRecording, kinematics: Kinematics) -> Iterator[
 
 
 def stilled(recording: PreparedRecording) -> Callable[[Window], SampleBlock]:
-    """Function that returns the own samples of a window, with zero speed of resting drives.
+    """Function that returns the inner samples of a window, with zero speed of resting drives.
 
     Otherwise the sign of the speed, and so friction, would follow rounding and steps of positions,
     and at an end at rest the filtered motion nearby.
@@ -203,9 +203,9 @@ def stilled(recording: PreparedRecording) -> Callable[[Window], SampleBlock]:
     ends = [row for row, rows in ((0, recording.before), (last, recording.after)) if _rest(rows)]
 
     def samples(window: Window) -> SampleBlock:
-        qd = np.where(np.abs(window.own.qd) > still, window.own.qd, 0.0)
+        qd = np.where(np.abs(window.inner.qd) > still, window.inner.qd, 0.0)
         qd[[row - window.start for row in ends if 0 <= row - window.start < len(qd)]] = 0.0
-        return replace(window.own, qd=qd)
+        return replace(window.inner, qd=qd)
 
     return samples
 

@@ -31,7 +31,7 @@ _Result = TypeVar("_Result")
 # Share of rows of another recording from which one repeats it: rows at rest may agree by chance,
 # in all positions and torques to the last bit.
 _SHARED = 0.1
-# Number of own samples of a window, and the function that makes it.
+# Number of inner samples of a window, and the function that makes it.
 _WindowMaker = tuple[int, Callable[[], Window]]
 
 

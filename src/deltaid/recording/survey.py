@@ -205,7 +205,9 @@ class Survey:
 
     def _check_constant(self) -> None:
         c, resting = self.columns, self.low == self.high
-        resting = {x.column: rests for x, rests in zip(c.all, resting.tolist(), strict=True)}
+        resting = {
+            x.column: is_constant for x, is_constant in zip(c.all, resting.tolist(), strict=True)
+        }
         for channel in c.torque:
             if resting[channel.column]:
                 raise self._nothing_recorded(channel.column, "no torque was recorded")

@@ -119,15 +119,15 @@ class Window:
 
     Attributes:
         start: number of samples in earlier windows.
-        own: samples of this window; those of all windows make up the recording.
-        wide: `own` and further samples at either end, which the filter needs.
+        inner: samples of this window; those of all windows make up the recording.
+        wide: `inner` and further samples at either end, which the filter needs.
         low_pass: the filter; `no_filter` if velocities and accelerations are recorded.
         off: recorded minus filtered positions at the wide samples [rad or m].
-        turning: for each drive, number of own samples excluded only because a joint reverses.
+        turning: for each drive, number of inner samples excluded only because a joint reverses.
     """
 
     start: int
-    own: SampleBlock
+    inner: SampleBlock
     wide: SampleBlock
     low_pass: LowPass
     off: Float[np.ndarray, "wide dof"]
@@ -148,7 +148,7 @@ class Window:
         """Filter values at the `wide` samples by the low-pass.
 
         Args:
-            thinned: whether to thin as `filtered` does, else to every `stride`-th own sample.
+            thinned: whether to thin as `filtered` does, else to every `stride`-th inner sample.
         """
         every = self.low_pass.decimation if thinned else 1
         return apply(self.low_pass.smooth, self.low_pass.leading(x), every)
@@ -160,18 +160,18 @@ class Window:
         weights m keep, Σ (h m)² / Σ h², with the low-pass h.
 
         Args:
-            every: decimation of own samples, the filter's `stride` or `thinned`.
+            every: decimation of inner samples, the filter's `stride` or `thinned`.
             weights: weights of channels at the wide samples; by default those of the torques.
         """
         weights = self.wide.weights.T if weights is None else weights
         if np.all(weights == 1.0):
             return self.trimmed(weights.T)[::every].T ** 2
-        return apply(self.low_pass.power, weights**2, every)[:, : -(-len(self.own.time) // every)]
+        return apply(self.low_pass.power, weights**2, every)[:, : -(-len(self.inner.time) // every)]
 
-    def trimmed(self, x: Shaped[np.ndarray, "wide ..."]) -> Shaped[np.ndarray, "own ..."]:
-        """Unfiltered values at the own samples, from values at the `wide` samples."""
+    def trimmed(self, x: Shaped[np.ndarray, "wide ..."]) -> Shaped[np.ndarray, "inner ..."]:
+        """Unfiltered values at the inner samples, from values at the `wide` samples."""
         lost = self.low_pass.lead_half + self.low_pass.stride * self.low_pass.half
-        return x[lost : lost + len(self.own.time)]
+        return x[lost : lost + len(self.inner.time)]
 
     def _parts(self) -> Iterator[SampleBlock]:
         """Cut `wide` into parts whose outputs of the first stage are consecutive."""
@@ -218,8 +218,8 @@ def window_of(
     q, *rates = np.split(rows[:, c.motion_places], np.cumsum(counts)[:2], axis=1)
     smooth, qd, qdd = _motion(low_pass, q, *rates)
     z, _ = kinematics.forward_unchecked(smooth)
-    samples, inner = low_pass.samples_of(len(rows)), slice(first, first + len(smooth))
-    off, rows = q[inner] - smooth, rows[inner]
+    samples, with_motion = low_pass.samples_of(len(rows)), slice(first, first + len(smooth))
+    off, rows = q[with_motion] - smooth, rows[with_motion]
     time, tau, extra = rows[:, 0], rows[:, c.torque_places], rows[:, c.extra_places]
     recorded = weights = rows[:, c.extra_places.stop :]
     if directions is not None and weights.size:
@@ -229,9 +229,9 @@ def window_of(
         tau = tau - carried
     wide = SampleBlock(time, z, qd, qdd, tau, weights, extra, carried)
     lost = low_pass.lead_half + low_pass.stride * low_pass.half
-    own = slice(lost, lost + samples)
-    turning = np.count_nonzero((weights[own] == 0.0) & (recorded[own] > 0.0), axis=0)
-    return Window(start, wide.part(own), wide, low_pass, off, turning)
+    inner = slice(lost, lost + samples)
+    turning = np.count_nonzero((weights[inner] == 0.0) & (recorded[inner] > 0.0), axis=0)
+    return Window(start, wide.part(inner), wide, low_pass, off, turning)
 
 
 def _motion(

@@ -248,9 +248,9 @@ class MinMax:
             inside = (time >= self._span[0]) & (time <= self._span[1])
             time, values = time[inside], values[inside]
         self._taken += len(time)
-        for kept, column in zip(self._kept, values.T, strict=True):
+        for parts, column in zip(self._kept, values.T, strict=True):
             rows = extreme_rows(column, _BLOCK) if self._taken > 8 * self._points else slice(None)
-            kept.append(np.stack([time[rows], column[rows]]))
+            parts.append(np.stack([time[rows], column[rows]]))
 
     def curve(self, k: int) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
         """Times and values of one curve."""

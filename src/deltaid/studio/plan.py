@@ -135,9 +135,9 @@ def _parsed(text: str) -> Plan:
 def digest(folder: Folder, plan: Plan) -> str:
     """Digest of all inputs of `deltaid check`."""
     used = [(recording.file, recording.mapping) for recording in plan.used]
-    seen: list[Any] = [plan.robot, plan.settings.cutoff, plan.settings.keep_all, used]
+    inputs: list[Any] = [plan.robot, plan.settings.cutoff, plan.settings.keep_all, used]
     robot = [plan.robot] if plan.robot and plan.robot not in catalogue() else []
     texts = (*robot, *(mapping for _, mapping in used if mapping))
-    seen += [folder.text(name) if folder.has(name) else None for name in texts]
-    seen += [stamp(folder.path(file)) if folder.has(file) else None for file, _ in used]
-    return hashlib.sha256(json.dumps(seen).encode()).hexdigest()[:16]
+    inputs += [folder.text(name) if folder.has(name) else None for name in texts]
+    inputs += [stamp(folder.path(file)) if folder.has(file) else None for file, _ in used]
+    return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()[:16]

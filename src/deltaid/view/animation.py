@@ -33,8 +33,8 @@ def recorded_motion(
     """Times and task coordinates of the first minute of a recording."""
     time, z = [], []
     for window in recording.windows(kinematics):
-        time.append(window.own.time)
-        z.append(window.own.z)
+        time.append(window.inner.time)
+        z.append(window.inner.z)
         if time[-1][-1] - time[0][0] > _SEARCHED:
             break
     return np.concatenate(time), np.concatenate(z)

@@ -200,7 +200,7 @@ class Made:
     version: str
 
 
-def made() -> Made:
+def page_origin() -> Made:
     """The origin of a page that this process makes now."""
     typed = bool(sys.argv) and Path(sys.argv[0]).stem == _COMMAND
     command = shlex.join([_COMMAND, *sys.argv[1:]]) if typed else ""
@@ -231,7 +231,7 @@ class Page:
     verdict: Summary | None = None
     drawing: Drawing | None = None
     front: tuple[Block, ...] = ()
-    made: Made = field(default_factory=made)
+    made: Made = field(default_factory=page_origin)
 
     def __post_init__(self) -> None:
         sections = tuple(section for section in self.sections if section.blocks)

@@ -137,18 +137,20 @@ def _ends(
     robot: AtRest, directions: Float[np.ndarray, "rays dof"], longest: float
 ) -> tuple[Float[np.ndarray, " rays"], Int[np.ndarray, " rays"]]:
 
-    def kept(distance: Float[np.ndarray, " some"], rays: np.ndarray) -> Bool[np.ndarray, " some"]:
+    def are_good(
+        distance: Float[np.ndarray, " some"], rays: np.ndarray
+    ) -> Bool[np.ndarray, " some"]:
         return good(robot, robot(robot.home + distance[:, None] * directions[rays]))
 
     everyone, low, step = np.arange(len(directions)), np.zeros(len(directions)), longest / _STEPS
-    starting = kept(low, everyone)
+    starting = are_good(low, everyone)
     going = everyone[starting]
     for k in range(1, _STEPS + 1):
-        going = going[kept(np.full(len(going), k * step), going)]
+        going = going[are_good(np.full(len(going), k * step), going)]
         low[going] = k * step
     endless = np.isin(everyone, going)
     high = np.where(starting & ~endless, low + step, low)
-    low = bisected(lambda distance: kept(distance, everyone), low, high, _HALVINGS)
+    low = bisected(lambda distance: are_good(distance, everyone), low, high, _HALVINGS)
     shares = robot(robot.home + low[:, None] * directions).shares[:, robot.of_workspace :]
     return low, np.where(endless, -1, robot.of_workspace + np.argmax(shares, axis=1))
 

@@ -205,7 +205,7 @@ def misfits(dynamics: Dynamics, recording: PreparedRecording) -> list[Misfit]:
     ends = np.cumsum([*torque_rows, *each])[:-1]
     sparse, tau, *data = np.split(np.hstack(parts), ends)
     known, parameters = _by_torques(dynamics, sparse, tau), len(dynamics.layout.parameters)
-    raw, found = [columns.shown(window.own.extra) for window in windows], list[Misfit]()
+    raw, found = [columns.shown(window.inner.extra) for window in windows], list[Misfit]()
     for rows, C, y, (counts,) in zip(sensors, data[::3], data[1::3], data[2::3], strict=True):
         X = np.zeros((len(rows.channels), parameters + len(rows.parameters), len(counts)))
         X[rows.pattern] = C

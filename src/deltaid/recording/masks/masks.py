@@ -153,7 +153,7 @@ def before_stops(masks: Iterable[Mask], cutoff: float, rate: float) -> tuple[Mas
     return tuple(sorted(kept_masks, key=lambda mask: (mask.first, mask.drives)))
 
 
-def kept(masks: Sequence[Mask], drives: int, samples: int) -> Float[np.ndarray, " drives"]:
+def kept_shares(masks: Sequence[Mask], drives: int, samples: int) -> Float[np.ndarray, " drives"]:
     """Share of rows that remain for each drive."""
     lost = [np.sum(left_out(masks, i) @ [-1, 1] + 1) for i in range(drives)]
     return 1.0 - np.array(lost) / samples
@@ -165,12 +165,12 @@ def require_rest(masks: Sequence[Mask], samples: int, drives: Sequence[str], whe
     Raises:
         RecordingError: names the drive, and the share of rows excluded for each reason.
     """
-    remaining = kept(masks, len(drives), samples)
+    remaining = kept_shares(masks, len(drives), samples)
     i = int(np.argmin(remaining))
     if remaining[i] >= _LEAST:
         return
     shares = {
-        reason: 1.0 - kept([m for m in masks if m.reason == reason], len(drives), samples)[i]
+        reason: 1.0 - kept_shares([m for m in masks if m.reason == reason], len(drives), samples)[i]
         for reason in dict.fromkeys(mask.reason for mask in masks if i in mask.drives)
     }
     reasons = ", ".join(f"{100 * share:.3g} % {reason}" for reason, share in shares.items())

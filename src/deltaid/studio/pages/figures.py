@@ -216,7 +216,7 @@ class _Live:
             with ui.element("div").classes("asked"):
                 ui.label("Where the platform is to be").classes("text-weight-bold")
                 self.sliders = [self._slider(k, axis) for k, axis in enumerate(stage.axes)]
-                ui.button("Home", on_click=lambda: self._put(stage.home)).props("outline dense")
+                ui.button("Home", on_click=lambda: self._move_to(stage.home)).props("outline dense")
                 self.readings = ui.html(sanitize=False).props("role=status")
         ui.timer(parts.REDRAW, self._go)
 
@@ -225,7 +225,7 @@ class _Live:
         ground, edges = _DARK if self.session.dark else _LIGHT
         self.scene = ui.scene(
             height=440, grid=False, background_color=ground, click_events=[],
-            on_drag_end=lambda event: self._put((event.x, event.y, event.z, *self.wanted[3:])),
+            on_drag_end=lambda event: self._move_to((event.x, event.y, event.z, *self.wanted[3:])),
         ).classes("w-full")  # fmt: skip
         self.scene.props('role=img aria-label="The robot, in three dimensions"')
         with self.scene:
@@ -256,7 +256,7 @@ class _Live:
             slider.on_value_change(ask)
         return slider
 
-    def _put(self, wanted: tuple[float, ...]) -> None:
+    def _move_to(self, wanted: tuple[float, ...]) -> None:
         """Request a pose that no slider requested; the sliders follow."""
         self.wanted = wanted
         for slider, value in zip(self.sliders, wanted, strict=True):

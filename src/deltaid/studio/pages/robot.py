@@ -195,15 +195,15 @@ def _changed_meanwhile(session: Session, name: str, draft: FileEdit, now: str) -
         "doubt",
     )
 
-    def settle(kept: dict[str, FileEdit]) -> None:
+    def settle(edits: dict[str, FileEdit]) -> None:
         session.drafts.pop(name)
-        session.drafts |= kept
+        session.drafts |= edits
         session.store.redraw()
 
     mine = {name: FileEdit(now, draft.after)}
     with ui.row():
-        for label, kept in (("Keep mine", mine), ("Take the file as it is", {})):
-            ui.button(label, on_click=partial(settle, kept)).props("outline dense")
+        for label, edits in (("Keep mine", mine), ("Take the file as it is", {})):
+            ui.button(label, on_click=partial(settle, edits)).props("outline dense")
 
 
 class _Editor:
