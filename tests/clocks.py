@@ -21,7 +21,7 @@ class Rows:
     time: np.ndarray
 
     @classmethod
-    def of(cls, frame: pl.DataFrame) -> "Rows":
+    def whole(cls, frame: pl.DataFrame) -> "Rows":
         """All of a recording."""
         return cls(frame, np.arange(len(frame)), frame["t"].to_numpy().copy())
 

@@ -110,9 +110,9 @@ def _forget_robots(request: pytest.FixtureRequest) -> Iterator[None]:
     """What a file keeps from test to test, robots with their compiled kernels, goes with it."""
     _CALLS.clear()
     yield
-    for kept in vars(request.module).values():
-        if hasattr(kept, "cache_clear"):
-            kept.cache_clear()
+    for value in vars(request.module).values():
+        if hasattr(value, "cache_clear"):
+            value.cache_clear()
     gc.collect()
 
 

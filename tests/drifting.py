@@ -62,8 +62,8 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
 
     def moved(groups: FactorGroups) -> FactorGroups:
         factors = tuple(R.copy() for R in groups.factors)
-        for every, felt in zip(factors, file.record.felt, strict=True):
-            own = np.array([by_name.get(file.record.names[k], 0.0) for k in felt])
+        for every, columns in zip(factors, file.record.felt, strict=True):
+            own = np.array([by_name.get(file.record.names[k], 0.0) for k in columns])
             for R in every:
                 R[:, -1] += R[:, : len(own)] @ own
         return replace(groups, factors=factors)

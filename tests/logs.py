@@ -24,7 +24,7 @@ Spelling = Callable[[pl.DataFrame], bytes]
 @cache
 def recorded(samples: int = 1500, derivatives: bool = False, rate: float = 1000.0) -> pl.DataFrame:
     """Columns t, q1…, (qd1…, qdd1…,) tau1… of the three-drive robot without noise."""
-    dynamics, motion, p, rng = _made()
+    dynamics, motion, p, rng = _robot_and_motion()
     frame = simulate_recording(dynamics, p, motion, rng, duration=samples / rate, rate=rate)
     return frame if derivatives else frame.select(names("t", "q", "tau"))
 
@@ -39,10 +39,10 @@ def noisy(table: pl.DataFrame) -> pl.DataFrame:
 
 def true_parameters() -> np.ndarray:
     """Those of the robot that was recorded."""
-    return _made()[2]
+    return _robot_and_motion()[2]
 
 
-def _made() -> tuple[Dynamics, Motion, np.ndarray, np.random.Generator]:
+def _robot_and_motion() -> tuple[Dynamics, Motion, np.ndarray, np.random.Generator]:
     dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(5)
     motion = random_motion(dynamics.kinematics, rng, period=4.0)
     return dynamics, motion, surrogate_parameters(dynamics.robot, rng), rng

@@ -50,7 +50,9 @@ def executed() -> Any:
         client = NotebookClient(notebook, timeout=120, kernel_name="python3", resources=where)
         client.execute(env=os.environ | {"PYTHONPATH": str(ROOT / "src")})
     for cell in code(notebook):
-        cell["outputs"] = [output for output in map(_kept, cell["outputs"]) if output is not None]
+        cell["outputs"] = [
+            output for output in map(_as_stored, cell["outputs"]) if output is not None
+        ]
         cell["metadata"].pop("execution", None)
     return notebook
 
@@ -101,7 +103,7 @@ def shown(figure: dict[str, Any]) -> str:
     return "; ".join(curves)
 
 
-def _kept(output: Any) -> Any | None:
+def _as_stored(output: Any) -> Any | None:
     """An output as it is stored; None of a bar that has gone."""
     output.pop("execution_count", None)
     data = output.get("data", {})

@@ -66,6 +66,6 @@ def recorded(setting: Setting, more: Array | float = 0.0, lag: float = 0.0) -> R
     columns, time = setting.sensed(), setting.time
     more = np.broadcast_to(more, columns["tau"].shape)
     more = np.transpose([np.interp(time - lag, time, x) for x in more.T])
-    tau = columns["tau"] + setting.at(time - lag).tau - setting.truth.tau + more
+    tau = columns["tau"] + setting.truth_at(time - lag).tau - setting.truth.tau + more
     table = Case(load_robot("clavel-delta3"), columns | {"tau": tau}, setting).table
     return Recording.from_table(table, name="pushed")

@@ -144,14 +144,14 @@ def test_a_part_of_another_recording_is_refused(frame: pl.DataFrame) -> None:
 def test_a_sample_shows_shared_rows_of_recordings_of_any_length() -> None:
     rows = np.random.default_rng(5).standard_normal((50_000, 6))
 
-    def of(part: np.ndarray) -> np.ndarray:
+    def sample_of(part: np.ndarray) -> np.ndarray:
         return functools.reduce(sampled, np.array_split(part, 7), NO_ROWS)
 
-    long = of(rows[:40_000])
-    assert len(long) == len(of(rows)) < 2000
-    assert shared_rows(long, of(rows[20_000:])) == pytest.approx(2 / 3, abs=0.05)
-    assert shared_rows(of(rows[9000:9400]), long) == 1.0
-    assert shared_rows(long, of(rows[40_000:])) == 0.0
+    long = sample_of(rows[:40_000])
+    assert len(long) == len(sample_of(rows)) < 2000
+    assert shared_rows(long, sample_of(rows[20_000:])) == pytest.approx(2 / 3, abs=0.05)
+    assert shared_rows(sample_of(rows[9000:9400]), long) == 1.0
+    assert shared_rows(long, sample_of(rows[40_000:])) == 0.0
     assert shared_rows(NO_ROWS, long) == 0.0
 
 

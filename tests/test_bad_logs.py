@@ -190,8 +190,8 @@ def test_good_csv(tmp_path, opened) -> None:
 
 def test_rows_are_counted_with_comments(tmp_path, opened, monkeypatch) -> None:
     lines = with_field(150, "q2", "x").split("\n")
-    for at in (200, 149, 100, 100, 1, 0, 0):  # five of them above the bad field's line
-        lines.insert(at, "# remark")
+    for place in (200, 149, 100, 100, 1, 0, 0):  # five of them above the bad field's line
+        lines.insert(place, "# remark")
     path = write(tmp_path / "log.csv", "\n".join(lines))
     for size in (1 << 22, 700, 200):
         monkeypatch.setattr(csv_lines, "_BLOCK_BYTES", size)

@@ -307,7 +307,7 @@ def test_next_readings_are_worth_what_they_promise(files: Path) -> None:
         )
         for _ in range(3)
     ]
-    assert after.position < min(found.after.position for found in worse)
+    assert after.position < min(calibration.after.position for calibration in worse)
 
 
 def test_prices_of_next_readings_are_a_users_own(files: Path, tmp_path: Path) -> None:

@@ -83,8 +83,8 @@ def test_a_bed_does_not_know_the_diagonal() -> None:
     assert drifted.sessions[0].residual < 8e-6
     ends = kinematics_335().inverse(np.array([[-0.05, 0, -0.44], [0.05, 0, -0.44]]))
     sizes = []
-    for found in (kept, drifted):
-        x = found.fit.loops.points(ends, found.values).x
+    for calibration in (kept, drifted):
+        x = calibration.fit.loops.points(ends, calibration.values).x
         sizes.append(np.linalg.norm(x[1] - x[0]))
     assert abs(sizes[1] - sizes[0]) == pytest.approx(1.2e-3, abs=0.2e-3)
     noisy = deltaid.calibrate(kossel_335(), probe=bed_335(robot, 1e-5, rng), **NINE_FACTORS)
@@ -105,13 +105,14 @@ def test_a_diagonal_drifts_until_one_distance_is_measured(seed: int) -> None:
         alone.append(deltaid.calibrate(kossel_335(), probe=bed, **NINE_FACTORS))
         both.append(deltaid.calibrate(kossel_335(), probe=bed, distances=part, **NINE_FACTORS))
     drift, still = (
-        np.ptp([number(found, "limb1.strut")[0] for found in several]) for several in (alone, both)
+        np.ptp([number(calibration, "limb1.strut")[0] for calibration in several])
+        for several in (alone, both)
     )
-    assert max(found.sessions[0].residual for found in alone) < 1.5e-5
+    assert max(calibration.sessions[0].residual for calibration in alone) < 1.5e-5
     assert drift > 1e-3
     assert still < 0.1 * drift + 5e-4
-    for found in both:
-        assert not any("sizes" in direction.words for direction in found.open)
-        assert found.after.size < 5e-4
-        value, std = number(found, "limb1.strut")
+    for calibration in both:
+        assert not any("sizes" in direction.words for direction in calibration.open)
+        assert calibration.after.size < 5e-4
+        value, std = number(calibration, "limb1.strut")
         assert abs(value - truth) < 4 * std < 2e-3

@@ -125,8 +125,8 @@ def test_poses_of_all_bodies(name: str) -> None:
     poses = dynamics(MAKES[name]).kinematics.poses(z)
     names = body_names(t.oracle)
     assert set(names) == {pose.name for pose in poses}
-    for k, at in enumerate(z):
-        wanted = tree_poses(t, at)
+    for k, coordinates in enumerate(z):
+        wanted = tree_poses(t, coordinates)
         assert len(wanted) == len(poses)
         for pose, (body, R, r) in zip(poses, wanted, strict=True):
             assert pose.name == body

@@ -18,7 +18,7 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.recording.time.study import study
 from test_clocks import even
-from wired import bad, recorded, seen
+from wired import bad, evidence_of, recorded
 
 # A step of the number that stands for a row, in the column of the first torque.
 _MARK = 1e-3
@@ -237,7 +237,7 @@ def test_a_clock_that_is_set_back_is_no_fault_of_columns(back: float) -> None:
     columns = recorded("clavel-delta3")
     half = np.arange(len(columns["t"])) >= len(columns["t"]) // 2
     assert not bad(
-        checked_wiring(seen("clavel-delta3", columns | {"t": columns["t"] - back * half}))
+        checked_wiring(evidence_of("clavel-delta3", columns | {"t": columns["t"] - back * half}))
     )
 
 

@@ -28,7 +28,7 @@ def even(rate: float, duration: float = 6.0) -> Rows:
     p = surrogate_parameters(dynamics.robot, rng)
     noise = SensorNoise(torque=0.02, encoder_step=2 * np.pi / 2**20)
     made = simulate_recording(dynamics, p, motion, rng, duration=duration, rate=rate, noise=noise)
-    return Rows.of(made)
+    return Rows.whole(made)
 
 
 def clock_of(rows: Rows) -> Clock:
@@ -98,8 +98,8 @@ def test_late_stamps_are_no_gap() -> None:
     """A logger that stalls stamps some rows late, and catches up."""
     rows = even(1000.0)
     time = rows.time.copy()
-    for at in (700, 2500, 5000):
-        time[at : at + 40] = np.maximum(time[at : at + 40], time[at] + 0.017)
+    for first in (700, 2500, 5000):
+        time[first : first + 40] = np.maximum(time[first : first + 40], time[first] + 0.017)
     clock = clock_of(Rows(rows.frame, rows.at, time + 1e-9 * rows.at))
     assert not clock.holes.size
     assert not clock.extra.size
@@ -251,7 +251,7 @@ def test_uneven_samples_are_interpolated(clavel: Dynamics) -> None:
 
 def test_standing_does_not_decide() -> None:
     frame = pl.DataFrame({"t": np.arange(500) / 1000, "q1": 0.5, "q2": 0.1, "q3": 0.2})
-    rows = Rows.of(frame.with_columns(tau1=pl.Series(np.random.default_rng(1).normal(size=500))))
+    rows = Rows.whole(frame.with_columns(tau1=pl.Series(np.random.default_rng(1).normal(size=500))))
     clock = clock_of(rows.jittering(0.3, np.random.default_rng(2)))
     assert clock.even is None
     assert not clock.holes.size

@@ -41,7 +41,7 @@ def twin(make: Make) -> tuple[ForceOracle, RobotDescription, np.ndarray]:
     if make.kind == "h4":  # a tool that the middle bar can carry
         oracle = replace(oracle, tool=np.array([0.0, 0.0, -0.07]))
     robot = describe(oracle, make)
-    return ForceOracle.of(oracle), spaced(robot), parameters(oracle)
+    return ForceOracle.like(oracle), spaced(robot), parameters(oracle)
 
 
 @pytest.mark.parametrize("make", SINGLE, ids=label)

@@ -32,7 +32,7 @@ SCATTER = DailyScatter(np.array([1.0, 7.0]), np.array([0.0, 0.6]), np.array([0.7
 WEEK = 7.0
 
 
-def _found(
+def _evidence(
     days: np.ndarray, y: np.ndarray, variance: np.ndarray, changes: Changes
 ) -> ChangeEvidence:
     """Evidence of series with a level that may be anywhere."""
@@ -45,9 +45,9 @@ def _found(
 def test_where_nothing_is_told_the_alarm_goes_by_the_years_that_passed(span: float) -> None:
     """What R exceeds them by is told by recordings; onsets lie a week apart, or there are 60."""
     days, nothing = np.linspace(0.0, span, 40), np.full((1, 40), np.inf)
-    found = _found(days, np.zeros((1, 40)), nothing, Changes.over(days))
+    found = _evidence(days, np.zeros((1, 40)), nothing, Changes.over(days))
     assert span - max(WEEK, span / 60) <= YEAR * found.R[0] <= span
-    steps = _found(days, np.zeros((1, 40)), nothing, Changes.steps(days))
+    steps = _evidence(days, np.zeros((1, 40)), nothing, Changes.steps(days))
     assert YEAR * steps.R[0] == pytest.approx(sum(STEPS) * span)
 
 
@@ -58,7 +58,7 @@ def test_the_alarm_goes_by_marginal_likelihoods_of_all_changes() -> None:
     variance, y = rng.uniform(0.5, 3.0, 25), 1.5 * rng.standard_normal(25)
     changes = Changes.over(days)
     n = len(np.unique(changes.onsets))
-    found = _found(days, y[None], variance[None], changes)
+    found = _evidence(days, y[None], variance[None], changes)
 
     nu = FREEDOM + len(y) - 1  # a level that may be anywhere takes one
     apart, one = np.abs(days[:, None] - days), np.ones(25)

@@ -25,7 +25,7 @@ EVERY = 997
 
 
 @cache
-def made(row: str) -> Case:
+def case_of(row: str) -> Case:
     return case(row, "linear", 1)
 
 
@@ -44,7 +44,7 @@ def through_drives(of: Case, truth: Truth, F: Array) -> Array:
 
 
 def test_a_force_at_the_platform_is_in_the_torques_by_the_oracles_jacobian() -> None:
-    of = made("force")
+    of = case_of("force")
     happening, (pull,) = of.happenings[0], of.happenings[0].pulls
     assert isinstance(pull, Hose)
     np.testing.assert_allclose(np.linalg.norm(pull.force), 5 * of.unit)
@@ -54,7 +54,7 @@ def test_a_force_at_the_platform_is_in_the_torques_by_the_oracles_jacobian() -> 
 
 
 def test_a_hose_takes_the_power_that_its_force_gives() -> None:
-    of = made("hose")
+    of = case_of("hose")
     happening = of.happenings[0]
     (pull,), truth = happening.pulls, happening.truth
     assert isinstance(pull, Hose)
@@ -68,7 +68,7 @@ def test_a_hose_takes_the_power_that_its_force_gives() -> None:
 
 
 def test_a_balancer_is_a_spring_of_a_share_of_the_torque() -> None:
-    of = made("balancer")
+    of = case_of("balancer")
     happening, truth = of.happenings[0], of.happenings[0].truth
     (spring,) = happening.pulls
     assert isinstance(spring, Balancer)
@@ -80,7 +80,7 @@ def test_a_balancer_is_a_spring_of_a_share_of_the_torque() -> None:
 
 @pytest.mark.parametrize("size", [0.03, 0.15])
 def test_true_torque_falls_behind_what_the_drive_believes(size: float) -> None:
-    start = Made(made("force").happenings[0], Sensors())
+    start = Made(case_of("force").happenings[0], Sensors())
     believed = falling_gain(start, np.random.default_rng(0), size).sensors.believed
     assert believed is not None
     true = np.linspace(-1.05, 1.05, 43)
@@ -90,7 +90,7 @@ def test_true_torque_falls_behind_what_the_drive_believes(size: float) -> None:
 
 
 def test_motors_saturate_at_a_share_of_the_largest_that_is_recorded() -> None:
-    start = Made(made("force").happenings[0], Sensors())
+    start = Made(case_of("force").happenings[0], Sensors())
     believed = saturation(start, np.random.default_rng(0), 0.9).sensors.believed
     assert believed is not None
     true = np.linspace(-1, 1, 41)
@@ -99,17 +99,17 @@ def test_motors_saturate_at_a_share_of_the_largest_that_is_recorded() -> None:
 
 
 def test_a_gear_ratio_that_is_off_scales_one_angle() -> None:
-    of = made("gear-ratio")
+    of = case_of("gear-ratio")
     ratio = np.median(recorded(of, "q") / of.happenings[0].truth.q, axis=0)
     np.testing.assert_allclose(np.sort(ratio), [1, 1, 1.01], atol=1e-5)
 
 
 def test_one_limb_is_longer_than_the_description_has_it() -> None:
-    of = made("long-limb")
+    of = case_of("long-limb")
     limbs = of.machine.plant.oracle.limbs
     longer = [
-        np.subtract((limb.arm or 0, limb.strut), (told.upper_arm or 0, told.strut)).sum()
-        for limb, told in zip(limbs, of.robot.limbs.geometry(), strict=True)
+        np.subtract((limb.arm or 0, limb.strut), (described.upper_arm or 0, described.strut)).sum()
+        for limb, described in zip(limbs, of.robot.limbs.geometry(), strict=True)
     ]
     np.testing.assert_allclose(np.sort(longer), [0, 0, 1e-3], atol=1e-12)
     M = [of.machine.plant.oracle.mass_matrix(z) for z in of.machine.poses]
@@ -117,7 +117,7 @@ def test_one_limb_is_longer_than_the_description_has_it() -> None:
 
 
 def test_a_tilted_base_is_another_gravity() -> None:
-    of = made("tilt")
+    of = case_of("tilt")
     gravity, level = of.machine.plant.oracle.gravity, np.array(of.robot.gravity)
     assert gravity @ level / (level @ level) == pytest.approx(np.cos(np.deg2rad(2)))
     truth = of.happenings[0].truth
@@ -130,7 +130,7 @@ def test_a_tilted_base_is_another_gravity() -> None:
 
 
 def test_zeros_alone_are_off_and_nothing_says_so() -> None:
-    of = made("homing-0.5")
+    of = case_of("homing-0.5")
     error = np.median(recorded(of, "q") - of.happenings[0].truth.q, axis=0)
     np.testing.assert_allclose(error, of.sensors[0].homing, atol=1e-6)
     assert of.machine.plant.oracle.limbs[0].strut == of.robot.limbs.geometry()[0].strut
@@ -139,7 +139,7 @@ def test_zeros_alone_are_off_and_nothing_says_so() -> None:
 
 
 def test_ripple_is_a_share_of_the_largest_torque() -> None:
-    of = made("ripple")
+    of = case_of("ripple")
     quiet = replace(of.sensors[0], ripple=0.0).recorded(of.happenings[0])
     wave = recorded(of, "tau") - quiet.select("tau1", "tau2", "tau3").to_numpy()
     largest = np.abs(of.happenings[0].truth.tau).max(axis=0)
@@ -148,7 +148,7 @@ def test_ripple_is_a_share_of_the_largest_torque() -> None:
 
 def test_rows_of_the_second_table_have_names_of_their_own_and_words() -> None:
     assert not ROWS.keys() & CAUSES.keys()
-    assert made("hose-tilted").drawn[1] == "tilt 1°"
+    assert case_of("hose-tilted").drawn[1] == "tilt 1°"
 
 
 def test_a_curve_off_by_a_constant_has_the_right_shape() -> None:
@@ -158,7 +158,7 @@ def test_a_curve_off_by_a_constant_has_the_right_shape() -> None:
 
 
 def test_bodies_are_off_what_their_description_frees() -> None:
-    of, plain = made("asymmetric"), made("force").machine
+    of, plain = case_of("asymmetric"), case_of("force").machine
     layout, p = of.machine.layout, of.machine.plant.p
     for body, off in (("S", 1e-3), ("C", 4e-3)):
         part = layout.body(body)
@@ -174,7 +174,7 @@ def test_bodies_are_off_what_their_description_frees() -> None:
 
 
 def test_a_body_askew_is_turned_about_its_joint() -> None:
-    both = (made("askew").machine, made("force").machine)
+    both = (case_of("askew").machine, case_of("force").machine)
     S = both[0].layout.body("S")
     turned, plain = (m.plant.p[S][1:4] / m.plant.p[S][0] for m in both)
     assert np.linalg.norm(turned - plain) > 2e-3
@@ -182,7 +182,7 @@ def test_a_body_askew_is_turned_about_its_joint() -> None:
 
 
 def test_a_bodys_true_shape_is_in_its_torques() -> None:
-    of = made("asymmetric")
+    of = case_of("asymmetric")
     truth, p = of.happenings[0].truth, of.machine.plant.p
     moving = np.all(truth.rates != 0, axis=1)
     states = (x[moving][::EVERY] for x in (truth.q, truth.qd, truth.qdd))
@@ -192,20 +192,20 @@ def test_a_bodys_true_shape_is_in_its_torques() -> None:
 
 
 def test_a_mixture_is_drawn_by_its_seed_from_all_causes() -> None:
-    start = Made(made("force").happenings[0], Sensors())
+    start = Made(case_of("force").happenings[0], Sensors())
     found = [CAUSES["mixture"].make(start, np.random.default_rng(seed)) for seed in range(16)]
     assert {len(mixture.words) for mixture in found} == {3, 4, 5}
     again = CAUSES["mixture"].make(start, np.random.default_rng(3))
     assert again.words == found[3].words
     assert len({mixture.words for mixture in found}) == len(found)
-    of = made("mixture")
+    of = case_of("mixture")
     assert 3 <= len(of.drawn) <= 5
     assert np.all(np.isfinite(of.logs[0].to_numpy()))
 
 
 @pytest.mark.parametrize("name", MIXED)
 def test_every_cause_of_a_mixture_changes_what_is_recorded(name: str) -> None:
-    happening = replace(undisturbed(made("force").happenings[0]), duration=6.0)
+    happening = replace(undisturbed(case_of("force").happenings[0]), duration=6.0)
     cause, _, largest = MIXED[name]
     start = Made(happening, Sensors())
     one = cause(start, np.random.default_rng(5), largest)
@@ -216,15 +216,15 @@ def test_every_cause_of_a_mixture_changes_what_is_recorded(name: str) -> None:
 
 
 def test_hard_play_is_a_dead_zone_and_changes_its_side_at_once() -> None:
-    happening = undisturbed(made("force").happenings[0])
+    happening = undisturbed(case_of("force").happenings[0])
     half = 5e-5
     soft, hard = (
         replace(happening, backlash=np.full(3, 2 * half), hard=is_hard) for is_hard in (False, True)
     )
-    link = hard.link(hard.at(hard.time))
+    link = hard.link(hard.truth_at(hard.time))
     changes = np.diff(np.sign(link), axis=0, prepend=np.sign(link[:1])) != 0
     away = ~maximum_filter1d(changes, 2 * round(8e-3 * happening.machine.rate) + 1, axis=0)
-    soft_gap, hard_gap = (np.abs(x.truth.q - x.at(x.time).q)[away] for x in (soft, hard))
+    soft_gap, hard_gap = (np.abs(x.truth.q - x.truth_at(x.time).q)[away] for x in (soft, hard))
     np.testing.assert_allclose(hard_gap, half, rtol=1e-6)
     assert soft_gap.min() < 0.9 * half
 
@@ -237,7 +237,7 @@ def test_coulomb_friction_by_direction_alone_is_a_constant() -> None:
 
 
 def test_gains_and_offsets_leave_the_scale_and_the_weight_alone() -> None:
-    start = Made(undisturbed(made("force").happenings[0]), Sensors())
+    start = Made(undisturbed(case_of("force").happenings[0]), Sensors())
     rng = np.random.default_rng(2)
     gain = gains(start, rng, 0.05).sensors.gain
     assert np.prod(gain) == pytest.approx(1)

@@ -68,7 +68,7 @@ workspace: {shape: box}
 """
 
 
-def made(folder: Path, code: str, description: str) -> RobotDescription:
+def robot_from(folder: Path, code: str, description: str) -> RobotDescription:
     """A robot from two texts."""
     (folder / "mechanism.py").write_text(code, encoding="utf-8")
     (folder / "robot.yaml").write_text(description, encoding="utf-8")
@@ -165,7 +165,7 @@ def test_the_planar_delta_is_identified_and_simulated(planar: RobotDescription):
 
 
 def test_one_drive_without_gravity(tmp_path: Path):
-    robot = made(tmp_path, SLED, SLED_ROBOT)
+    robot = robot_from(tmp_path, SLED, SLED_ROBOT)
     dynamics = Dynamics(robot)
     p = np.array([TRUE.get(name, 0.0) for name in dynamics.layout.names])
     z, v, a = np.array([[0.2]]), np.array([[-0.3]]), np.array([[2.0]])
@@ -185,7 +185,7 @@ def test_one_drive_without_gravity(tmp_path: Path):
 
 
 def test_a_drive_may_turn_in_place(tmp_path: Path):
-    robot = made(tmp_path, PENDULUM, PENDULUM_ROBOT)
+    robot = robot_from(tmp_path, PENDULUM, PENDULUM_ROBOT)
     dynamics = Dynamics(robot)
     assert robot.task.names == ("psi",)
     p = np.zeros(len(dynamics.layout.names))
@@ -211,7 +211,7 @@ def test_a_drive_may_turn_in_place(tmp_path: Path):
 )
 def test_coordinates_and_workspace_go_together(tmp_path: Path, old: str, new: str, told: str):
     with pytest.raises(DescriptionError, match=told.replace("[", "\\[")):
-        made(tmp_path, SLED, SLED_ROBOT.replace(old, new))
+        robot_from(tmp_path, SLED, SLED_ROBOT.replace(old, new))
 
 
 def test_what_a_robot_can_reach_is_shown_in_space_only(planar: RobotDescription):
@@ -263,7 +263,7 @@ def found_wrong(robot: RobotDescription, columns: dict[str, np.ndarray]) -> list
 
 
 def test_columns_of_a_lone_drive(tmp_path: Path) -> None:
-    sled = made(tmp_path, SLED, SLED_ROBOT)
+    sled = robot_from(tmp_path, SLED, SLED_ROBOT)
     right = swept(sled, 0.5)
     assert found_wrong(sled, right) == []
     assert found_wrong(sled, right | {"q1": 1e3 * right["q1"]}) == [("angle-unit", "wrong")]
@@ -274,7 +274,7 @@ def test_columns_of_a_lone_drive(tmp_path: Path) -> None:
 
 
 def test_signs_of_a_pendulum(tmp_path: Path) -> None:
-    pendulum = made(tmp_path, PENDULUM, PENDULUM_ROBOT)
+    pendulum = robot_from(tmp_path, PENDULUM, PENDULUM_ROBOT)
     right = swept(pendulum, 0.4)
     assert found_wrong(pendulum, right) == []
     assert found_wrong(pendulum, right | {"q1": -right["q1"]}) == [("angle-sign", "wrong")]

@@ -41,7 +41,7 @@ def functions() -> set[str]:
 
 
 @cache
-def made() -> zipfile.ZipFile:
+def exported_unit() -> zipfile.ZipFile:
     """A unit of the smallest kind with all libraries."""
     export = fmu(subject("linear-delta"), "unit", forward=False)
     assert export.warnings == ()
@@ -62,7 +62,7 @@ def made() -> zipfile.ZipFile:
 def test_a_library_has_the_functions_of_the_standard(path: str, kind: str, machine: str) -> None:
     import lief
 
-    found = lief.parse(made().read(f"binaries/{path}"))
+    found = lief.parse(exported_unit().read(f"binaries/{path}"))
     assert isinstance(found, getattr(lief, kind).Binary)
     check(found, machine)
 
@@ -90,12 +90,12 @@ def check(found: object, machine: str) -> None:
 def test_a_library_for_both_kinds_of_mac() -> None:
     import lief
 
-    fat = made().read("binaries/darwin64/unit.dylib")
+    fat = exported_unit().read("binaries/darwin64/unit.dylib")
     both = lief.MachO.parse(list(fat))
     assert [str(part.header.cpu_type).rpartition(".")[2] for part in both] == ["X86_64", "ARM64"]
     for part, machine in zip(both, ("X86_64", "ARM64"), strict=True):
         check(part, machine)
-    arm = made().read("binaries/aarch64-darwin/unit.dylib")
+    arm = exported_unit().read("binaries/aarch64-darwin/unit.dylib")
     offset, size = struct.unpack_from(">II", fat, 8 + 20 + 8)
     assert fat[offset : offset + size] == arm
 
@@ -107,7 +107,7 @@ def test_libraries_need_no_newer_system() -> None:
     import lief
 
     for path in ("linux64", "aarch64-linux"):
-        found = lief.parse(made().read(f"binaries/{path}/unit.so"))
+        found = lief.parse(exported_unit().read(f"binaries/{path}/unit.so"))
         versions = {
             tuple(map(int, aux.name.removeprefix("GLIBC_").split(".")))
             for needed in found.symbols_version_requirement
@@ -121,11 +121,11 @@ def test_libraries_need_no_newer_system() -> None:
 @needs_zig
 def test_the_same_library_for_windows_again() -> None:
     """Its head has a time of its own."""
-    compiler, library = found_compiler(), made().read("binaries/win64/unit.dll")
+    compiler, library = found_compiler(), exported_unit().read("binaries/win64/unit.dll")
     assert compiler
     sources = {
-        name.removeprefix("sources/"): made().read(name).decode()
-        for name in made().namelist()
+        name.removeprefix("sources/"): exported_unit().read(name).decode()
+        for name in exported_unit().namelist()
         if name.startswith("sources/")
     }
     assert compiler.library(SYSTEMS[1], "unit", sources) == library
@@ -140,7 +140,7 @@ def test_the_library_of_zig_computes_what_that_of_this_machine_does(tmp_path: Pa
     from units import content
 
     path = tmp_path / "zig.fmu"
-    path.write_bytes(made().fp.getvalue())
+    path.write_bytes(exported_unit().fp.getvalue())
     other = tmp_path / "own.fmu"
     other.write_bytes(content(subject("linear-delta"), "fmu-inverse"))
     start = {"q1": 0.1, "qd1": 0.5, "qdd2": 1.0}

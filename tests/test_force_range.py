@@ -52,7 +52,7 @@ class Job:
         return self.coefficients[sample, self.forces.index(name)]
 
 
-def made(folder: Path, noise: float | None) -> Job:
+def identified_job(folder: Path, noise: float | None) -> Job:
     robot = load_robot("irb360-6-1600")
     limbs = robot.limbs.changed(strut_spacing=0.12)
     exact = {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}
@@ -72,12 +72,12 @@ def made(folder: Path, noise: float | None) -> Job:
 
 @pytest.fixture(scope="module")
 def noisy(tmp_path_factory: pytest.TempPathFactory) -> Job:
-    return made(tmp_path_factory.mktemp("noisy"), 0.02)
+    return identified_job(tmp_path_factory.mktemp("noisy"), 0.02)
 
 
 @pytest.fixture(scope="module")
 def exact(tmp_path_factory: pytest.TempPathFactory) -> Job:
-    return made(tmp_path_factory.mktemp("exact"), None)
+    return identified_job(tmp_path_factory.mktemp("exact"), None)
 
 
 @pytest.mark.slow

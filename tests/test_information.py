@@ -216,8 +216,8 @@ def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole():
     q, qd, qdd, tau = np.split(third[:, 1:], 4, axis=1)
     z = dynamics.kinematics.forward(q)
     alone = gather_samples(dynamics, z, qd, qdd, tau)
-    for found, expected in zip(grams(blocks[2]), grams(alone), strict=True):
-        assert_close(found, expected, 1e-9)
+    for gram, expected in zip(grams(blocks[2]), grams(alone), strict=True):
+        assert_close(gram, expected, 1e-9)
 
 
 @pytest.mark.parametrize("filtered", [False, True])

@@ -39,13 +39,13 @@ def frame(late: np.ndarray, noise: float = 0.02, rate: float = RATE) -> pl.DataF
     dynamics, p, motion = moving()
     t = np.arange(round(DURATION * rate)) / rate
 
-    def at(time: np.ndarray) -> tuple[np.ndarray, ...]:
+    def motion_at(time: np.ndarray) -> tuple[np.ndarray, ...]:
         z, zd, zdd = motion.evaluate(time)
         q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
         return q, dynamics.torque(z, qd, qdd, p)
 
-    q, _ = at(t)
-    tau = np.stack([at(t - lag)[1][:, i] for i, lag in enumerate(late)], axis=1)
+    q, _ = motion_at(t)
+    tau = np.stack([motion_at(t - lag)[1][:, i] for i, lag in enumerate(late)], axis=1)
     rng = np.random.default_rng(3)
     tau += noise * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
     return tabled(t=t, q=1e-6 * np.round(1e6 * q), tau=tau)
@@ -148,11 +148,11 @@ def waves(rate: float, late: np.ndarray, seconds: float = 2.0) -> np.ndarray:
     t, dof = np.arange(round(seconds * rate)) / rate, len(late)
     turns = 2 * np.pi * (1.0 + 0.7 * np.arange(dof))
 
-    def at(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def waves_at(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.sin(turns * time), turns * np.cos(turns * time)
 
-    q, qd = at(t[:, None])
-    early = at(t[:, None] - late)
+    q, qd = waves_at(t[:, None])
+    early = waves_at(t[:, None] - late)
     return np.hstack([t[:, None], q, qd, 3 * early[0] + 2 * early[1], np.ones((len(t), dof))])
 
 

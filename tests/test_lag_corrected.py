@@ -66,22 +66,22 @@ def recorded(
     motion = random_motion(dynamics.kinematics, rng, period=3.917)
     t = np.arange(round(DURATION * rate)) / rate
 
-    def at(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def motion_at(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         z, zd, zdd = motion.evaluate(time)
         q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
         tau = dynamics.torque(z, qd, qdd, p) + by_direction * coulomb * (qd > 0)
         return q, qd, tau
 
-    q, _, _ = at(t)
+    q, _, _ = motion_at(t)
     delays = np.broadcast_to(late, dof)
     if loop:  # ∫ τ(t − s) e^(−s/T) ds / T, as a sum of shares of its area
         edges = -loop * np.log1p(-np.linspace(0, 1, 33)[:-1] - 1 / 64)
-        parts = [at(t - edge)[2] for edge in edges]
+        parts = [motion_at(t - edge)[2] for edge in edges]
         tau = np.mean(parts, axis=0)
     else:
-        tau = np.column_stack([at(t - delay)[2][:, i] for i, delay in enumerate(delays)])
+        tau = np.column_stack([motion_at(t - delay)[2][:, i] for i, delay in enumerate(delays)])
     tau = tau + NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
-    rates = {} if velocity is None else {"qd": at(t - velocity)[1]}
+    rates = {} if velocity is None else {"qd": motion_at(t - velocity)[1]}
     return tabled(t=t, q=1e-6 * np.round(1e6 * q), **rates, tau=tau)
 
 

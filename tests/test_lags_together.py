@@ -76,11 +76,11 @@ def lags_together(monkeypatch: pytest.MonkeyPatch):
         doubtful: tuple[int, ...] = (),
         additions: tuple[Addition, ...] = (),
     ) -> Lags:
-        def seen(*_: object) -> ReversalLags:
+        def reversal_lags(*_: object) -> ReversalLags:
             flags = (np.isin(np.arange(3), which) for which in (filtered, doubtful))
             return ReversalLags(values, deviation, *flags)
 
-        monkeypatch.setattr(module, "lags_of_reversals", seen)
+        monkeypatch.setattr(module, "lags_of_reversals", reversal_lags)
         return estimate_lags([recording()], additions, spread=0.5)
 
     return estimate

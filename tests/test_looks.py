@@ -22,7 +22,7 @@ ROBOTS = ("irb360-6-1600", "linear-delta-45", "h4/second", "par4", "i4", "unlike
 
 
 @cache
-def made(name: str) -> Model:
+def model_of(name: str) -> Model:
     """Of the catalogue; or of limbs with struts of their own, so far apart; or with single ones."""
     if name not in ("unlike limbs", "single struts"):
         return subject(name)
@@ -37,7 +37,7 @@ def made(name: str) -> Model:
 @cache
 def shown(name: str) -> tuple[Model, Tree, dict[str, Shape], np.ndarray, np.ndarray]:
     """A robot, its tree, its shapes by name; and a pose, z and q."""
-    chosen = made(name)
+    chosen = model_of(name)
     tree = spanning_tree(chosen)
     found = shapes(chosen, tree)
     assert max(Counter(shape.name for shape in found).values()) == 1
@@ -192,7 +192,7 @@ def test_programs_without_tendons_show_a_line_in_the_middle_of_each_pair(name: s
                                    atol=1e-9)  # fmt: skip
         assert radius == pytest.approx(strut_radius(chosen))
         ball, site = (
-            of(f"strut{i + 1}a_seat") for of in (simulation.data.geom, simulation.data.site)
+            lookup(f"strut{i + 1}a_seat") for lookup in (simulation.data.geom, simulation.data.site)
         )
         np.testing.assert_allclose(ball.xpos, site.xpos, atol=1e-12)
     if name == "irb360-6-1600":  # a box
@@ -245,7 +245,7 @@ def test_urdf_has_the_same_shapes(name: str) -> None:
 @pytest.mark.parametrize("name", ["unlike limbs", "single struts"])
 def test_urdf_draws_each_strut_along_its_own_x_axis(name: str) -> None:
     """One of a pair on a link of its own beside the middle, a single one on the body that it is."""
-    chosen = made(name)
+    chosen = model_of(name)
     root = ElementTree.fromstring(urdf(chosen).text(".urdf"))
     for n, limb in enumerate(chosen.robot.limb_geometry, 1):
         for letter, side in (("a", 0.045), ("b", -0.045)) if limb.struts == 2 else (("", 0.0),):

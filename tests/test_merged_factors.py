@@ -80,9 +80,9 @@ def test_what_was_taken_for_a_load_to_begin_with_does_not_matter(loaded) -> None
 
     def without(group: FactorGroups) -> FactorGroups:
         factors = [R.copy() for R in group.factors]
-        for R, felt in zip(factors, one.record.felt, strict=True):
-            if at in felt:
-                R[..., -1] -= heavier * R[..., felt.index(at)]
+        for R, columns in zip(factors, one.record.felt, strict=True):
+            if at in columns:
+                R[..., -1] -= heavier * R[..., columns.index(at)]
         return replace(group, factors=tuple(factors))
 
     (load,) = one.record.loads
@@ -127,7 +127,7 @@ def test_tolerances_widen_intervals_from_files_as_well(tmp_path: Path) -> None:
 def test_a_lag_is_as_sure_as_in_the_recording(tmp_path: Path) -> None:
     robot = load_robot("clavel-delta3")
     one = gathered(robot, recorded(robot, 7, late=2e-3), settings=PLAIN)
-    assert any(told.kind == "lag" for told in one.record.model.corrections)
+    assert any(correction.kind == "lag" for correction in one.record.model.corrections)
     require_same(identify_gathered(robot, [one], PLAIN).model, one.record.model)
 
 

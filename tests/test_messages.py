@@ -66,4 +66,4 @@ def test_messages_are_short_and_plain() -> None:
     ]
     assert len(gathered) > 2000
     bad = {place: found for place, text in gathered if (found := complaints(text))}
-    assert not bad, "\n".join(f"{place}: {found}" for place, found in bad.items())
+    assert not bad, "\n".join(f"{place}: {complaint}" for place, complaint in bad.items())

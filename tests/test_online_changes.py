@@ -151,7 +151,7 @@ def test_noise_of_speeds_that_nobody_told_is_learnt() -> None:
     assert 1 / 3 < np.quantile(y["contact_size"][2000:], 0.99) < 1
 
 
-def left(torque: str, rate: float) -> float:
+def largest_unexplained(torque: str, rate: float) -> float:
     """What of the model's own torques, differenced speeds leave unexplained, largest [N m]."""
     model = robot("clavel-delta3")[0].without_friction()
     n = round(0.2 * rate)
@@ -166,7 +166,7 @@ def left(torque: str, rate: float) -> float:
 @pytest.mark.parametrize("torque", ["sampled", "held"])
 def test_differenced_speeds_positions_and_torques_are_of_one_instant(torque: str) -> None:
     """The middle between two cycles: what differs is of second order in the period."""
-    coarse, fine = left(torque, 1000.0), left(torque, 2000.0)
+    coarse, fine = largest_unexplained(torque, 1000.0), largest_unexplained(torque, 2000.0)
     assert coarse < 0.01
     assert fine < 0.3 * coarse
 

@@ -159,8 +159,8 @@ def test_a_contact_is_timed_from_its_first_cycle_to_its_last() -> None:
     y = outputs_of(graph, q, np.gradient(q, 1e-3, axis=0), tau, held)
     time = graph.state.split(y["state"])["contact_time"].squeeze()
     expected, lasts = [], 0.0
-    for found in y["contact"].squeeze():
-        lasts = lasts + 1e-3 if found else 0.0
+    for touched in y["contact"].squeeze():
+        lasts = lasts + 1e-3 if touched else 0.0
         expected.append(lasts)
     assert max(expected) > 0.05  # the push lasts 0.1 s
     np.testing.assert_allclose(time, expected, atol=1e-9)

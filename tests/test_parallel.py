@@ -50,11 +50,11 @@ def test_errors_come_in_order(count: int) -> None:
         return item
 
     with threads(count):
-        for bad, found in ((3, [0, 1, 2]), (9, [0, 1, 2, 3, 4])):
+        for bad, delivered in ((3, [0, 1, 2]), (9, [0, 1, 2, 3, 4])):
             seen = []
             with pytest.raises(RecordingError) as caught:
                 seen.extend(iter_into(seen, ordered(work, rows())))
-            assert seen == found
+            assert seen == delivered
             assert str(caught.value) == ("item 3" if bad == 3 else "cannot be read")
 
 

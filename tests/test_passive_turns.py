@@ -31,7 +31,7 @@ ZERO = np.array([0.003, 0.0, 0.0, -0.002])
 LONGER = 1e-3 * np.array([0.0, 0.0, 1.0, 0.0, -2.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
 
 
-def at(t: np.ndarray, turn: float = 2.0) -> np.ndarray:
+def motion_at(t: np.ndarray, turn: float = 2.0) -> np.ndarray:
     """A motion of a Par4 whose tool turns to and fro by so much [rad]."""
     phase = 2 * np.pi * t[:, None] * np.array([0.7, 0.9, 0.5, 1.1])
     return np.array([0.0, 0.0, -0.8, 0.0]) + np.array([0.2, 0.15, 0.05, turn]) * np.sin(phase)
@@ -39,8 +39,8 @@ def at(t: np.ndarray, turn: float = 2.0) -> np.ndarray:
 
 def tracing(t: np.ndarray, turn: float = 2.0) -> tuple[Trace, SampleBlock]:
     dynamics, step = compiled(load_robot("par4")), 1e-5
-    z = at(t, turn)
-    zd = (at(t + step, turn) - at(t - step, turn)) / (2 * step)
+    z = motion_at(t, turn)
+    zd = (motion_at(t + step, turn) - motion_at(t - step, turn)) / (2 * step)
     qd = np.einsum("sij,sj->si", dynamics.kinematics.jacobian(z), zd)
     none = np.zeros((len(t), 0))
     part = SampleBlock(t, z, qd, 0 * qd, 0 * qd, 1 + 0 * qd, none, 0 * qd)
@@ -63,7 +63,7 @@ def test_errors_of_speeds_are_what_corrections_change(
     corrected = compiled(reshaped(robot, longer.tolist(), ())).kinematics
 
     def turned(t: np.ndarray) -> np.ndarray:
-        return corrected.forward(described.inverse(at(t)) * (1 + ratio) + zero)[:, 3]
+        return corrected.forward(described.inverse(motion_at(t)) * (1 + ratio) + zero)[:, 3]
 
     speed = (turned(t + step) - turned(t - step)) / (2 * step)
     zd = np.linalg.solve(described.jacobian(part.z), part.qd[:, :, None])[:, 3, 0]

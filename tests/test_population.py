@@ -55,7 +55,9 @@ def rows() -> np.ndarray:
     return K / (NOISE * sizes)[:, None]
 
 
-def seen(name: str, p: np.ndarray, rng: np.random.Generator, gain: float = 1.0) -> TypeMember:
+def recorded_member(
+    name: str, p: np.ndarray, rng: np.random.Generator, gain: float = 1.0
+) -> TypeMember:
     """A robot as its recordings show it."""
     values = gain * (rows() @ p) + rng.standard_normal(len(rows()))
     return TypeMember(name, LAYOUT.names, rows(), values, np.zeros((len(values), 0)), (), 60.0)
@@ -68,7 +70,7 @@ def fleet(
     rng = np.random.default_rng(seed)
     mean = surrogate_parameters(ROBOT, rng, 0.3)
     truths = np.array([made_alike(ROBOT, mean, rng, body) for _ in range(count)])
-    return mean, truths, [seen(f"r{k:03}", p, rng) for k, p in enumerate(truths)]
+    return mean, truths, [recorded_member(f"r{k:03}", p, rng) for k, p in enumerate(truths)]
 
 
 def member_of(found: Population, name: str):
@@ -149,8 +151,11 @@ def test_robots_that_do_not_belong_are_named_and_have_no_say(known) -> None:
     heavy = made_alike(ROBOT, mean, rng)
     heavy[MASS] += 0.3 * mean[MASS]
     strangers = [
-        seen("heavy", heavy, rng),
-        *(seen(f"amplified {k}", made_alike(ROBOT, mean, rng), rng, 1.3) for k in range(9)),
+        recorded_member("heavy", heavy, rng),
+        *(
+            recorded_member(f"amplified {k}", made_alike(ROBOT, mean, rng), rng, 1.3)
+            for k in range(9)
+        ),
     ]
     found = fitted([*members, *strangers], ROBOT)
     assert not any(member_of(found, stranger.name).belongs for stranger in strangers)
@@ -168,7 +173,7 @@ def test_worn_friction_is_said_and_the_robot_stays(known) -> None:
     rng = np.random.default_rng(6)
     worn = made_alike(ROBOT, mean, rng)
     worn[LAYOUT.viscous.start + 1] *= 2.5
-    found = member_of(fitted([*members, seen("worn", worn, rng)], ROBOT), "worn")
+    found = member_of(fitted([*members, recorded_member("worn", worn, rng)], ROBOT), "worn")
     assert found.belongs
     assert found.reason.startswith("viscous friction of drive2 is 2.")
 
@@ -189,7 +194,7 @@ def test_one_of_few_is_named_though_it_would_widen_the_spreads() -> None:
     mean, _, members = fleet(7, 4)
     heavy = made_alike(ROBOT, mean, np.random.default_rng(8))
     heavy[MASS] *= 1.3
-    found = fitted([*members, seen("heavy", heavy, np.random.default_rng(9))], ROBOT)
+    found = fitted([*members, recorded_member("heavy", heavy, np.random.default_rng(9))], ROBOT)
     assert [robot.name for robot in found.members if not robot.belongs] == ["heavy"]
     assert np.exp(found.spreads.log[0]) < 2 * BODY
 
@@ -198,7 +203,7 @@ def test_one_of_few_is_named_though_it_would_widen_the_spreads() -> None:
 def test_a_wrong_scale_of_torques_is_named_among_eight(gain: float) -> None:
     """By 5 %, where bodies are alike within 1 %."""
     _, truths, members = fleet(8, 2, body=0.01)
-    members[0] = seen("r000", truths[0], np.random.default_rng(102), gain)
+    members[0] = recorded_member("r000", truths[0], np.random.default_rng(102), gain)
     found = fitted(members, ROBOT)
     assert [robot.name for robot in found.members if not robot.belongs] == ["r000"]
     assert found.members[0].reason.startswith("its torques are ")

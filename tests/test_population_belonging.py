@@ -69,13 +69,13 @@ def test_the_slope_is_that_of_the_evidence() -> None:
     rows, variance, precision, prior = drawn()
     kinds = np.array([0, 1, 1])
 
-    def at(log: np.ndarray) -> Mean:
+    def mean_at(log: np.ndarray) -> Mean:
         return mean(rows, np.exp(2 * log[kinds]), precision, prior)
 
     log = 0.5 * np.log([variance[0], variance[1]])
-    found = slope(rows, at(log), kinds)
+    found = slope(rows, mean_at(log), kinds)
     for k, step in enumerate(1e-5 * np.eye(2)):
-        by_differences = (at(log + step).evidence - at(log - step).evidence) / 2e-5
+        by_differences = (mean_at(log + step).evidence - mean_at(log - step).evidence) / 2e-5
         np.testing.assert_allclose(found[k], by_differences, rtol=1e-5)
 
 
@@ -210,8 +210,8 @@ def test_freedom_is_that_of_noise_and_spreads_by_their_shares() -> None:
     rows = RobotRows.stacked([np.column_stack([np.diag(h), np.zeros(3), np.ones(3)])] * 2)
     found = Mean(s**2, 1e12 * np.eye(3), np.zeros(3), 0.0)
     noise = 1 / (1 + (h * s) ** 2)
-    for anything, kept in ((np.zeros(3), [0, 1, 2]), (np.array([0.0, 0.0, 1e9]), [0, 1])):
+    for anything, included in ((np.zeros(3), [0, 1, 2]), (np.array([0.0, 0.0, 1e9]), [0, 1])):
         one = leave_one_out(rows, 0, found, (40.0, 5.0), anything)
-        inverse = np.mean(noise[kept] ** 2) / 40.0 + np.mean((1 - noise[kept]) ** 2) / 5.0
+        inverse = np.mean(noise[included] ** 2) / 40.0 + np.mean((1 - noise[included]) ** 2) / 5.0
         assert one.freedom == pytest.approx(1 / inverse)
-        assert one.rows == len(kept)
+        assert one.rows == len(included)

@@ -37,8 +37,8 @@ def _with_notes(frame: pl.DataFrame) -> bytes:
 def _commented(source: str, marks: tuple[str, ...] = ("#", "%", "//", ";")) -> bytes:
     """A comment above the names, under them, among the data and at the end."""
     lines = source.rstrip("\n").split("\n")
-    for i, at in enumerate((len(lines), 45, 40, 40, 2, 1, 0)):
-        lines.insert(at, f"{marks[i % len(marks)]} remark {i}, 1.5")
+    for i, place in enumerate((len(lines), 45, 40, 40, 2, 1, 0)):
+        lines.insert(place, f"{marks[i % len(marks)]} remark {i}, 1.5")
     return "\n".join(lines).encode()
 
 

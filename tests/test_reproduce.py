@@ -116,30 +116,30 @@ def fits(results: dict, *, noise: bool) -> list[dict]:
 @pytest.mark.slow
 def test_without_noise_the_truth_comes_out_from_both_sides(results: dict) -> None:
     for fit in fits(results, noise=False):
-        for found in (fit, fit["verification"]):
-            assert found["mass_diagonal"] < 1e-4
-            assert found["mass_off_diagonal"] < 1e-4
-            assert max(map(abs, found["friction_coefficients"])) < 1e-4
-            assert max(found["coriolis"] + found["acceleration"]) < 1e-3
+        for checked in (fit, fit["verification"]):
+            assert checked["mass_diagonal"] < 1e-4
+            assert checked["mass_off_diagonal"] < 1e-4
+            assert max(map(abs, checked["friction_coefficients"])) < 1e-4
+            assert max(checked["coriolis"] + checked["acceleration"]) < 1e-3
         assert fit["duality_gap"] <= 1e-6 * fit["objective"]
 
 
 @pytest.mark.slow
 def test_with_noise_the_model_is_still_right(results: dict) -> None:
     for fit in fits(results, noise=True):
-        for found in (fit, fit["verification"]):
-            assert found["mass_diagonal"] < 0.01
-            assert found["mass_off_diagonal"] < 0.02
-            assert max(map(abs, found["friction_coefficients"])) < 0.03
+        for checked in (fit, fit["verification"]):
+            assert checked["mass_diagonal"] < 0.01
+            assert checked["mass_off_diagonal"] < 0.02
+            assert max(map(abs, checked["friction_coefficients"])) < 0.03
         assert 1e-3 < fit["noise_level"] < 0.02  # white 1 %, most of it beyond the filter's cut-off
 
 
 @pytest.mark.slow
 def test_mass_matrix_is_positive_definite_along_all_motions(results: dict) -> None:
     for fit in results["fits"]:
-        for found in (fit, fit["verification"]):
-            assert found["samples"] > 10_000
-            assert found["cholesky_succeeds"] == found["samples"]
+        for checked in (fit, fit["verification"]):
+            assert checked["samples"] > 10_000
+            assert checked["cholesky_succeeds"] == checked["samples"]
 
 
 @pytest.mark.slow

@@ -187,7 +187,8 @@ def test_what_follows_nothing_is_told_as_such() -> None:
         places = rng.uniform(1, 11, 25)
         heights = rng.choice([-1, 1], (25, 3)) * 0.5 * np.abs(tau).max(axis=0)
         return sum(
-            h * (np.abs(t - at) < 0.02)[:, None] for at, h in zip(places, heights, strict=True)
+            h * (np.abs(t - place) < 0.02)[:, None]
+            for place, h in zip(places, heights, strict=True)
         )
 
     verdict = only("residual", knocks)

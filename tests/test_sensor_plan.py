@@ -274,9 +274,9 @@ def test_a_motion_is_judged_with_the_likely_size_of_offsets_that_nobody_stated()
     exciter = Exciter(DELTA, ExcitationSettings(duration=4.0, harmonics=2, starts=1))
     motion = exciter.optimise().optimum.motion
 
-    def left(**changed: float) -> float:
+    def criterion(**changed: float) -> float:
         robot = load_robot(DELTA).changed(sensors={"plate": {**plate, **changed}})
         dynamics = Exciter(robot, exciter.settings).dynamics
         return by_bodies(dynamics, 0.02 * exciter.torque_reference, 1000.0)(motion)
 
-    assert left() < left(force_bias=1e4, moment_bias=1e4) - 1e-4
+    assert criterion() < criterion(force_bias=1e4, moment_bias=1e4) - 1e-4

@@ -71,7 +71,7 @@ def rank(A: np.ndarray) -> int:
     return int((sizes > ZERO * sizes[0]).sum())
 
 
-def beside(first: np.ndarray, C: np.ndarray, D: np.ndarray) -> np.ndarray:
+def stacked(first: np.ndarray, C: np.ndarray, D: np.ndarray) -> np.ndarray:
     """Rows of p alone above rows of p and more unknowns."""
     above = np.hstack([first, np.zeros((len(first), D.shape[1]))])
     return np.vstack([above, np.hstack([C, D])])
@@ -121,7 +121,7 @@ def test_what_a_plate_leaves_open_is_what_joints_may_pass_on(name: str, open_aft
         rows = np.zeros((0, plated.shape[1])), np.zeros((0, 0))
         if sensor is not None:
             rows = robot.rows(StrutForce.model_validate(GAUGE | {"strut": "strut1", "at": sensor}))
-        A = beside(plated, *rows)
+        A = stacked(plated, *rows)
         for joint, p in transfers(robot).items():
             C, D = rows
             u = np.linalg.lstsq(D, -C @ p)[0] if D.size else np.zeros(D.shape[1])
@@ -139,11 +139,11 @@ def test_only_a_cut_at_a_joint_parts_what_it_joins(name: str, bias: float | None
 
     def rank_measured(*places: str) -> int:
         A, own = plated, 0
-        for at in places:
-            sensor = GAUGE | {"strut": "strut1", "at": at, "bias": bias}
+        for place in places:
+            sensor = GAUGE | {"strut": "strut1", "at": place, "bias": bias}
             C, D = robot.rows(StrutForce.model_validate(sensor))
             C = np.hstack([C, np.zeros((len(C), own))])
-            A, own = beside(A, C, D), own + D.shape[1]
+            A, own = stacked(A, C, D), own + D.shape[1]
         return rank(A) - own
 
     before = rank(plated)

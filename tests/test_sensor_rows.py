@@ -147,7 +147,7 @@ def test_a_mechanism_of_ones_own_has_the_same_rows(tmp_path: Path) -> None:
     states = robots[0].home + rng.uniform(-0.1, 0.1, (5, 3)), *rng.standard_normal((2, 5, 3))
     mine, theirs = (dense(sensor_rows(Dynamics(robot), "s", sensor), states) for robot in robots)
     np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-10 * np.abs(mine).max())
-    visible = [np.abs(found).max(axis=(0, 1)) > 0 for found in (mine, theirs)]
+    visible = [np.abs(rows).max(axis=(0, 1)) > 0 for rows in (mine, theirs)]
     np.testing.assert_array_equal(*visible)
 
 

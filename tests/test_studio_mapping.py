@@ -47,9 +47,9 @@ def columns(*names: str, low: float = -1.0, high: float = 1.0, drives: int = 3) 
 def test_columns_are_found_by_their_names(position: str, torque: str, unit: str) -> None:
     found = proposed_mapping(columns(position, torque), TURNING)
     assert found.missing == (("torque_constant",) if unit == "A" else ())
-    for quantity, name, of in (("position", position, "rad"), ("torque", torque, unit)):
+    for quantity, name, proposed_unit in (("position", position, "rad"), ("torque", torque, unit)):
         names = [name.replace("#", str(i + 1)) for i in range(3)]
-        assert found.data[quantity] == [{"column": name, "unit": of} for name in names]
+        assert found.data[quantity] == [{"column": name, "unit": proposed_unit} for name in names]
 
 
 def test_what_was_asked_for_is_not_what_was_measured() -> None:

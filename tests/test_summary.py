@@ -159,7 +159,9 @@ def test_numbers_and_corrections_are_counted(model: IdentifiedModel, error: Torq
         for p in model.parameters
     )
     made = ("lag", "drive1"), ("lag", "drive3"), ("gain", "drive2")
-    corrections = tuple(Correction(kind=kind, subject=of, text="why") for kind, of in made)
+    corrections = tuple(
+        Correction(kind=kind, subject=subject, text="why") for kind, subject in made
+    )
     changed = model.changed(parameters=parameters, corrections=corrections)
     text = " ".join(summary(changed, error).lines)
     assert f"6 of {len(shown)} numbers come from the recording" in text

@@ -166,9 +166,9 @@ def test_what_samples_next_to_a_step_miss_is_a_share_of_it() -> None:
     assert misfit(off, of_drive, 0.0) == pytest.approx(np.sqrt(0.1**2 - 0.03**2) / 0.5)
     # A mean square of n numbers scatters by √(2/n); four times that is chance.
     chance = 1 + 4 * np.sqrt(2 / near.sum())
-    for share, seen in ((0.999, False), (1.001, True)):
+    for share, is_beyond in ((0.999, False), (1.001, True)):
         one = Local(np.where(near, np.sqrt(share * chance), 1.0), 0.5)
-        assert (misfit(one, of_drive, 0.0) > 0) == seen
+        assert (misfit(one, of_drive, 0.0) > 0) == is_beyond
 
 
 def test_a_step_is_told_from_a_slope_over_many_samples() -> None:

@@ -16,7 +16,7 @@ from drives import case
 from identified import simulated
 from logs import tabled
 from plants import true_parameters
-from wired import RATE, Columns, bad, recorded, seen
+from wired import RATE, Columns, bad, evidence_of, recorded
 
 NAME = "clavel-delta3"
 
@@ -30,7 +30,7 @@ def scaled(first: int, last: int, factor: float, drive: int | None = None) -> Co
 
 
 def verdict_on(columns: Columns) -> Verdict:
-    (verdict,) = bad(checked_wiring(seen(NAME, columns)))
+    (verdict,) = bad(checked_wiring(evidence_of(NAME, columns)))
     assert verdict.grade is Grade.WRONG
     return verdict
 
@@ -77,7 +77,7 @@ def test_torques_that_hardly_go_along_in_another_order_are_not_called_exchanged(
     tau[1500:] += (
         2.0 * tau.std(axis=0) * np.sin(3.0 * columns["t"][1500:, None] + rng.normal(size=3))
     )
-    verdicts = bad(checked_wiring(seen(NAME, columns | {"tau": tau})))
+    verdicts = bad(checked_wiring(evidence_of(NAME, columns | {"tau": tau})))
     assert "drive-order" not in [verdict.key for verdict in verdicts]
 
 
@@ -121,7 +121,9 @@ def test_a_period_later_is_not_where_torques_belong_that_something_disturbs_from
 def test_the_other_recordings_are_judged_without_one_that_is_joined_wrongly() -> None:
     columns = recorded(NAME)
     joined = columns | {"tau": np.roll(columns["tau"], 150, axis=0)}
-    common, each = checked_wirings([seen(NAME, joined), seen(NAME, columns), seen(NAME, columns)])
+    common, each = checked_wirings(
+        [evidence_of(NAME, joined), evidence_of(NAME, columns), evidence_of(NAME, columns)]
+    )
     assert not bad(common)
     assert [[verdict.key for verdict in bad(verdicts)] for verdicts in each] == [
         ["torque-lag"], [], []
@@ -131,7 +133,7 @@ def test_the_other_recordings_are_judged_without_one_that_is_joined_wrongly() ->
 def test_one_recording_of_several_may_have_another_sign() -> None:
     columns = recorded(NAME)
     turned = columns | {"tau": columns["tau"] * [1, -1, 1]}
-    common, each = checked_wirings([seen(NAME, columns), seen(NAME, turned)])
+    common, each = checked_wirings([evidence_of(NAME, columns), evidence_of(NAME, turned)])
     assert not common
     assert [[(verdict.key, verdict.subject) for verdict in bad(verdicts)] for verdicts in each] == [
         [], [("torque-sign", "drive2")]
@@ -146,7 +148,7 @@ def test_torques_that_have_nothing_to_do_with_the_motion_show_no_gear(noisy: boo
     tau = columns["tau"][::-1]
     if noisy:
         tau = np.random.default_rng(5).normal(0.0, 5.0, tau.shape)
-    (verdict,) = bad(checked_wiring(seen(NAME, columns | {"tau": tau})))
+    (verdict,) = bad(checked_wiring(evidence_of(NAME, columns | {"tau": tau})))
     assert (verdict.key, verdict.grade) == ("drive-order", Grade.WRONG)
     assert "nothing to do with the motion" in verdict.seen
     with pytest.raises(RecordingError, match="nothing to do with the motion"):
@@ -160,7 +162,7 @@ def test_magnitudes_of_torques_are_no_change_of_their_sign() -> None:
         assert (verdict.key, verdict.subject) == ("torque-sign", "")
         assert "holds magnitudes" in verdict.cause
     shifted = columns | {"tau": 20.0 + columns["tau"]}  # of one sign by an offset
-    verdicts = bad(checked_wiring(seen(NAME, shifted)))
+    verdicts = bad(checked_wiring(evidence_of(NAME, shifted)))
     assert not any("magnitudes" in verdict.cause for verdict in verdicts)
 
 

@@ -68,8 +68,8 @@ def test_rows_about_its_changes_do_not_count() -> None:
     shown = changes[(changes > 0) & (changes < made.happenings[0].duration)]
     assert len(spans) == 2 * len(recording.log.columns.loads[0].spans or ())
     for change in shown:
-        for beside in (-0.02, 0.0, 0.02):
-            assert inside[np.searchsorted(made.happenings[0].time, change + beside)]
+        for shift in (-0.02, 0.0, 0.02):
+            assert inside[np.searchsorted(made.happenings[0].time, change + shift)]
     assert inside.mean() < 0.02
 
 

@@ -157,7 +157,7 @@ def test_what_is_smaller_than_the_unexplained_is_dropped() -> None:
     A = rng.standard_normal((400, 4))
     numbers, deviation = np.array([[1, 2], [3, 3]]), np.full(1, 1.0)
 
-    def kept(name: str, small: float) -> tuple[str, ...]:
+    def kept_causes(name: str, small: float) -> tuple[str, ...]:
         b = A @ np.array([1.0, 0.5, 0.5, small]) + 0.1 * rng.standard_normal(400)
         block = NoiseBlock(A, b, np.repeat(np.arange(40), 10), 5.0)
         groups = [
@@ -167,9 +167,9 @@ def test_what_is_smaller_than_the_unexplained_is_dropped() -> None:
         full = Shrunk.fitted([block], np.eye(4)[:1] / 10, np.zeros(1), groups)
         return reduced(full, 6.0).candidates
 
-    assert kept("other", 0.2) == ("other", "cause")
-    assert kept(UNEXPLAINED, 0.2) == (UNEXPLAINED,)
-    assert kept(UNEXPLAINED, 2.0) == (UNEXPLAINED, "cause")
+    assert kept_causes("other", 0.2) == ("other", "cause")
+    assert kept_causes(UNEXPLAINED, 0.2) == (UNEXPLAINED,)
+    assert kept_causes(UNEXPLAINED, 2.0) == (UNEXPLAINED, "cause")
 
 
 def test_unexplained_torques_are_what_no_other_effect_can_take_of_the_first_recording() -> None:

@@ -23,12 +23,12 @@ from drives.sensors import Sensors
 from faults import faulty
 from logs import tabled
 from plants import true_parameters
-from wired import RATE, Columns, bad, only_verdict, recorded, seen, times
+from wired import RATE, Columns, bad, evidence_of, only_verdict, recorded, times
 
 
 @pytest.mark.parametrize("name", ["linear-delta", "par4", "irb360-6-1600", "clavel-delta3"])
 def test_nothing_is_said_of_right_columns(name: str) -> None:
-    verdicts = checked_wiring(seen(name, recorded(name)))
+    verdicts = checked_wiring(evidence_of(name, recorded(name)))
     assert {verdict.grade for verdict in verdicts} == {Grade.GOOD}
     assert {verdict.key for verdict in verdicts} == {"drive-order", "homing-or-tilt", "velocity"}
 
@@ -36,21 +36,23 @@ def test_nothing_is_said_of_right_columns(name: str) -> None:
 def test_columns_of_a_drive_that_the_robot_lacks_are_named() -> None:
     columns = recorded("clavel-delta3")
     more = {"q4": columns["q"][:, 0], "tau4": columns["tau"][:, 0]}
-    (verdict,) = bad(checked_wiring(seen("clavel-delta3", columns | more)))
+    (verdict,) = bad(checked_wiring(evidence_of("clavel-delta3", columns | more)))
     assert (verdict.key, verdict.grade) == ("drive-count", Grade.DOUBTFUL)
     assert "another drive (q4, tau4), but the robot has 3" in verdict.seen
-    (verdict,) = bad(checked_wiring(seen("clavel-delta3", columns | more | {"q5": more["q4"]})))
+    (verdict,) = bad(
+        checked_wiring(evidence_of("clavel-delta3", columns | more | {"q5": more["q4"]}))
+    )
     assert "2 more drives (q4, tau4, q5), but the robot has 3" in verdict.seen
 
 
 def test_columns_beside_the_drives_are_nobody_s_business() -> None:
     columns = recorded("clavel-delta3")
     beside = dict.fromkeys(("q_4", "temperature4", "quality", "tau_sum"), columns["t"])
-    assert not bad(checked_wiring(seen("clavel-delta3", columns | beside)))
+    assert not bad(checked_wiring(evidence_of("clavel-delta3", columns | beside)))
     named = [{"column": f"q{i}", "unit": "rad"} for i in (1, 2, 3)]
     mapping = ColumnMapping.model_validate({"position": named})
     more = {"q4": columns["q"][:, 0]}
-    assert not bad(checked_wiring(seen("clavel-delta3", columns | more, mapping)))
+    assert not bad(checked_wiring(evidence_of("clavel-delta3", columns | more, mapping)))
 
 
 @pytest.mark.parametrize(
@@ -81,7 +83,7 @@ def test_counts_of_an_encoder_are_named(scale: float) -> None:
     """Whatever gear their size looks like."""
     columns = recorded("clavel-delta3")
     q = np.round(columns["q"] * scale)
-    (verdict,) = bad(checked_wiring(seen("clavel-delta3", columns | {"q": q})))
+    (verdict,) = bad(checked_wiring(evidence_of("clavel-delta3", columns | {"q": q})))
     assert "counts of encoders" in verdict.cause
     assert "360/65536 deg" in verdict.cure
     assert not verdict.proposals
@@ -123,7 +125,7 @@ def test_signs() -> None:
 def test_a_sign_that_may_be_of_either_column() -> None:
     # Nothing ties the drive of a telescope to the others.
     columns = recorded("irb360-6-1600")
-    verdicts = bad(checked_wiring(seen("irb360-6-1600", times(columns, tau=[1, 1, 1, -1]))))
+    verdicts = bad(checked_wiring(evidence_of("irb360-6-1600", times(columns, tau=[1, 1, 1, -1]))))
     assert {verdict.key for verdict in verdicts} == {"torque-sign", "angle-sign"}
     graded = {(verdict.grade, verdict.subject) for verdict in verdicts}
     assert graded == {(Grade.DOUBTFUL, "drive4")}
@@ -132,7 +134,7 @@ def test_a_sign_that_may_be_of_either_column() -> None:
 def test_limbs_that_are_alike_hide_no_simple_cause() -> None:
     # Limbs exchanged, or two signs turned, explain a recording as well as one sign does.
     name = "linear-delta"
-    moved, dynamics = motion(seen(name, recorded(name)).rows), compiled(load_robot(name))
+    moved, dynamics = motion(evidence_of(name, recorded(name)).rows), compiled(load_robot(name))
     assert moved is not None
     solved = residual(dynamics, moved, Map.identity(3))
     assert solved is not None
@@ -154,7 +156,7 @@ def test_order_of_drives() -> None:
     # A symmetric robot does not show which limb is which.
     columns = recorded("linear-delta")
     turned = {k: x[:, [1, 2, 0]] if x.ndim > 1 else x for k, x in columns.items()}
-    assert not bad(checked_wiring(seen("linear-delta", turned)))
+    assert not bad(checked_wiring(evidence_of("linear-delta", turned)))
 
 
 def test_velocities() -> None:
@@ -172,7 +174,7 @@ def test_velocities() -> None:
 
 def test_gains_of_drives_are_no_order_of_them() -> None:
     columns = times(recorded("irb360-6-1600"), tau=[1.08, 0.92, 1.04, 0.944])
-    verdicts = checked_wiring(seen("irb360-6-1600", columns))
+    verdicts = checked_wiring(evidence_of("irb360-6-1600", columns))
     assert Grade.WRONG not in {verdict.grade for verdict in verdicts}
 
 
@@ -188,7 +190,7 @@ def test_a_drive_at_rest_tells_neither_sign_nor_order() -> None:
     tau = dynamics.torque(z, qd, np.gradient(qd, time, axis=0), prior_parameters(robot))
     tau[:, 0] -= 3 * (tau[:, 0] - tau[:, 0].mean())  # what friction at rest makes of it
     columns = {"t": time, "q": q, "tau": tau + 0.01 * rng.standard_normal(tau.shape)}
-    assert not bad(checked_wiring(seen(name, columns)))
+    assert not bad(checked_wiring(evidence_of(name, columns)))
 
 
 def test_standing_still_is_left_out() -> None:
@@ -197,14 +199,14 @@ def test_standing_still_is_left_out() -> None:
     still = {k: np.vstack([x, rest + x[-1]]) for k, x in columns.items() if k != "t"}
     still["qd"][-500:] = 0.0
     still["tau"][-500:] += [8.0, -8.0, 4.0]  # friction holds the arms
-    again = motion(seen("clavel-delta3", still | {"t": np.arange(3000) / RATE}).rows)
+    again = motion(evidence_of("clavel-delta3", still | {"t": np.arange(3000) / RATE}).rows)
     assert again.awake[: len(again.tau) // 2].all()
     assert not again.awake[-len(again.tau) // 10 :].any()
 
 
 def test_torques_pass_the_filter_that_samples_pass() -> None:
     # Torques and positions of one sine stay in phase through all stages of filter and thinning.
-    rows = seen("linear-delta", recorded("linear-delta")).rows
+    rows = evidence_of("linear-delta", recorded("linear-delta")).rows
     sine = rows.q[:, :1] + 0.0 * rows.q
     looked_at = motion(replace(rows, q=sine, tau=sine))
     again = looked_at.filtered(looked_at.q.T).T
@@ -214,12 +216,12 @@ def test_torques_pass_the_filter_that_samples_pass() -> None:
 
 def test_a_recording_too_short_to_be_filtered() -> None:
     short = {name: x[:50] for name, x in recorded("linear-delta").items()}
-    assert checked_wiring(seen("linear-delta", short)) == ()
+    assert checked_wiring(evidence_of("linear-delta", short)) == ()
 
 
 def test_a_recording_without_any_torque() -> None:
     columns = recorded("clavel-delta3")
-    assert not checked_wiring(seen("clavel-delta3", times(columns, tau=0.0)))
+    assert not checked_wiring(evidence_of("clavel-delta3", times(columns, tau=0.0)))
 
 
 @pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "par4"])
@@ -245,11 +247,11 @@ def picking() -> tuple[str, Columns]:
 @pytest.mark.parametrize("angles", [[-1, 1, -1], [1, 1, 1]])
 def test_two_drives_reversed_while_packing(angles: list[int]) -> None:
     name, columns = picking()
-    verdicts = bad(checked_wiring(seen(name, times(columns, q=angles, tau=[-1, 1, -1]))))
+    verdicts = bad(checked_wiring(evidence_of(name, times(columns, q=angles, tau=[-1, 1, -1]))))
     assert {verdict.subject for verdict in verdicts} == {"drive1", "drive3"}
     assert {verdict.grade for verdict in verdicts} == {Grade.WRONG}
     assert all(("position" in str(verdict.proposals)) == (angles[0] < 0) for verdict in verdicts)
-    assert not bad(checked_wiring(seen(name, columns)))
+    assert not bad(checked_wiring(evidence_of(name, columns)))
 
 
 def test_a_reversed_drive_that_masses_nearly_explain() -> None:
@@ -263,7 +265,7 @@ def test_several_recordings_get_one_verdict() -> None:
     name, columns = picking()
     wrong = times(columns, q=[-1, 1, 1], tau=[-1, 1, 1])
     half = {key: values[: len(values) // 2] for key, values in wrong.items()}
-    common, each = checked_wirings([seen(name, wrong), seen(name, half)])
+    common, each = checked_wirings([evidence_of(name, wrong), evidence_of(name, half)])
     assert [(verdict.key, verdict.subject, verdict.grade) for verdict in common] == [
         ("angle-sign", "drive1", Grade.WRONG)
     ]
@@ -273,24 +275,28 @@ def test_several_recordings_get_one_verdict() -> None:
 def test_a_torque_column_copied_from_another_drive_is_refused() -> None:
     columns = recorded("clavel-delta3")
     with pytest.raises(RecordingError, match="torques of drive1 and drive2 are one signal"):
-        checked_wiring(seen("clavel-delta3", columns | {"tau": columns["tau"][:, [0, 0, 2]]}))
+        checked_wiring(
+            evidence_of("clavel-delta3", columns | {"tau": columns["tau"][:, [0, 0, 2]]})
+        )
 
 
 def test_a_position_column_copied_from_another_drive_is_refused() -> None:
     columns = recorded("clavel-delta3")
     q = columns["q"][:, [0, 0, 2]]
     with pytest.raises(RecordingError, match="positions of drive1 and drive2 are one signal"):
-        checked_wiring(seen("clavel-delta3", columns | {"q": q, "qd": columns["qd"][:, [0, 0, 2]]}))
+        checked_wiring(
+            evidence_of("clavel-delta3", columns | {"q": q, "qd": columns["qd"][:, [0, 0, 2]]})
+        )
     # Drives that move up and down together have one position, and torques that go together.
     alike = {name: columns[name][:, [0, 0, 0]] for name in ("q", "qd", "tau")}
     noise = np.random.default_rng(0).normal(scale=0.2 * alike["tau"].std(), size=alike["tau"].shape)
-    checked_wiring(seen("clavel-delta3", columns | alike | {"tau": alike["tau"] + noise}))
+    checked_wiring(evidence_of("clavel-delta3", columns | alike | {"tau": alike["tau"] + noise}))
 
 
 def test_drives_that_rest_are_no_copies() -> None:
     columns = recorded("irb360-6-1600")
     q = np.where([True, False, False, True], columns["q"], columns["q"][0])
-    checked_wiring(seen("irb360-6-1600", {"t": columns["t"], "q": q, "tau": columns["tau"]}))
+    checked_wiring(evidence_of("irb360-6-1600", {"t": columns["t"], "q": q, "tau": columns["tau"]}))
 
 
 def test_a_robot_that_stands_still_is_refused_as_one() -> None:
@@ -298,11 +304,11 @@ def test_a_robot_that_stands_still_is_refused_as_one() -> None:
     q = columns["q"][0] + 1e-5 * rng.normal(size=columns["q"].shape)
     tau = columns["tau"][0] + 0.1 * rng.normal(size=columns["tau"].shape)
     with pytest.raises(RecordingError, match="the robot stands still: no position changes by more"):
-        checked_wiring(seen("irb360-6-1600", {"t": columns["t"], "q": q, "tau": tau}))
+        checked_wiring(evidence_of("irb360-6-1600", {"t": columns["t"], "q": q, "tau": tau}))
 
 
 def test_one_outlier_changes_no_unit() -> None:
     columns = recorded("irb360-6-1600")
     tau = columns["tau"].copy()
     tau[1500, 3] = 9000.0
-    assert not bad(checked_wiring(seen("irb360-6-1600", columns | {"tau": tau})))
+    assert not bad(checked_wiring(evidence_of("irb360-6-1600", columns | {"tau": tau})))

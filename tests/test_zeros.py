@@ -22,7 +22,7 @@ from deltaid.recording.mapped_columns import DriveColumn
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import load_robot
 from logs import tabled
-from wired import bad, only_verdict, recorded, seen, without
+from wired import bad, evidence_of, only_verdict, recorded, without
 
 # A zero of 30 mrad (or mm), and a tilt of 10 mrad, whose direction is (0.6, 0.8).
 ZERO, TILT = 0.03, (0.006, 0.008)
@@ -122,7 +122,7 @@ def test_homing() -> None:
 def test_a_zero_has_twice_its_standard_deviation_as_interval() -> None:
     """Of slopes and scatter where it has been corrected."""
     rows = recorded("linear-delta")
-    looked_at = seen("linear-delta", rows | {"q": rows["q"] + [0.01, 0.0, 0.0]})
+    looked_at = evidence_of("linear-delta", rows | {"q": rows["q"] + [0.01, 0.0, 0.0]})
     fine, dynamics = motion(looked_at.rows), looked_at.dynamics
     assert fine is not None
     best = explained(dynamics, fine, fine)[0]
@@ -148,7 +148,7 @@ def test_tilt() -> None:
 def test_zeros_are_looked_at_again_beside_what_a_fit_has_put_right() -> None:
     name, columns = "linear-delta", recorded("linear-delta")
     pushed = columns | {"tau": columns["tau"] + [5.0, -5.0, 0.0]}  # like a base out of level
-    (verdict,) = bad(checked_wiring(seen(name, pushed)))
+    (verdict,) = bad(checked_wiring(evidence_of(name, pushed)))
     assert (verdict.key, verdict.grade) == ("homing-or-tilt", Grade.DOUBTFUL)
     result = identify(load_robot(name), tabled(**without(pushed, "qd")), settings=OFFSETS)
     assert "offset" in " ".join(correction.text for correction in result.model.corrections)
@@ -162,7 +162,7 @@ def test_zeros_are_looked_at_again_beside_what_a_fit_has_put_right() -> None:
 def test_zeros_that_are_far_off() -> None:
     columns = recorded("clavel-delta3")
     q = columns["q"] + np.array([0.0, 2.5, -2.5])
-    verdicts = bad(checked_wiring(seen("clavel-delta3", columns | {"q": q})))
+    verdicts = bad(checked_wiring(evidence_of("clavel-delta3", columns | {"q": q})))
     assert verdicts
     # Next to nothing is left of angles divided by 57, so that these explain gravity at least.
     assert ("angle-unit", Grade.WRONG) not in {(verdict.key, verdict.grade) for verdict in verdicts}

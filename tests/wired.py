@@ -36,7 +36,7 @@ def recorded(name: str, tilt: float = 0.0) -> Columns:
     return {"t": t, "q": q, "qd": qd, "tau": tau}
 
 
-def seen(name: str, columns: Columns, mapping: ColumnMapping | None = None) -> Evidence:
+def evidence_of(name: str, columns: Columns, mapping: ColumnMapping | None = None) -> Evidence:
     return evidence(load_robot(name), tabled(**columns), mapping)
 
 
@@ -46,14 +46,14 @@ def bad(verdicts: Iterable[Verdict]) -> list[Verdict]:
 
 def only_verdict(name: str, columns: Columns, *, cured: bool = True) -> Verdict:
     """The only verdict that is not good; the mapping that it proposes leaves none."""
-    looked_at = seen(name, columns)
+    looked_at = evidence_of(name, columns)
     verdicts = bad(checked_wiring(looked_at))
     assert len(verdicts) == 1, verdicts
     if cured:
         wanted = changes(verdicts, "mapping")
         assert wanted
         data = mended(looked_at.written_mapping, wanted)
-        again = seen(name, columns, ColumnMapping.model_validate(data))
+        again = evidence_of(name, columns, ColumnMapping.model_validate(data))
         assert not bad(checked_wiring(again))
     return verdicts[0]
 

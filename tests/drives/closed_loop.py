@@ -69,7 +69,7 @@ def followed(
     m, truth = happening.machine, happening.truth
     happening = replace(happening, duration=min(happening.duration, 12.0))
     dynamics = compiled(m.robot)
-    wanted = happening.at(happening.time)
+    wanted = happening.truth_at(happening.time)
     plant = Model(m.robot, m.plant.p)
     law = Controller("computed-torque", bandwidth=2 * np.pi * float(rng.uniform(10, 30)))
     noise = _NOISE * rng.standard_normal((len(wanted.q) + 2, m.dof))

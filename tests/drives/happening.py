@@ -165,7 +165,7 @@ class Happening:
             edges += [(start, -1, _STOP), (end + _HELD, 1, _START)]
         return paced(time, self.machine.period, edges)
 
-    def at(self, time: Array) -> Truth:
+    def truth_at(self, time: Array) -> Truth:
         """Motion and torques of rigid bodies at other times (ascending), without the drives'
         friction."""
         return self.machine.plant.move(self.pace(time), np.random.default_rng([self.seed, 1]))
@@ -177,7 +177,7 @@ class Happening:
 
     def moved(self, time: Array) -> Truth:
         """Angles and torques of the motors at given times (ascending)."""
-        truth, dof = self.at(time), self.machine.dof
+        truth, dof = self.truth_at(time), self.machine.dof
         rotor, link = self.machine.plant.oracle.rotor_inertia, self.link(truth)
         q, qd, qdd = self._motor(truth, link)
         law, rng = self.friction, np.random.default_rng([self.seed, 3])
@@ -191,7 +191,7 @@ class Happening:
     @cached_property
     def carried(self) -> Array:
         """Mean absolute torque that each gear carries, (drives,)."""
-        return np.abs(self.link(self.at(self.time))).mean(axis=0)
+        return np.abs(self.link(self.truth_at(self.time))).mean(axis=0)
 
     def link(self, truth: Truth) -> Array:
         """τ_l: torque that each gear carries, (samples, drives)."""

@@ -127,7 +127,7 @@ def judge(case: Case, result: Identified) -> Judged:
     )
 
 
-def _of(told: Sequence[Correction], kind: str, drive: str) -> Correction | None:
+def _last_correction(told: Sequence[Correction], kind: str, drive: str) -> Correction | None:
     """The last correction of a kind about a drive, or about all."""
     found = [
         correction
@@ -141,7 +141,7 @@ def _lag_error(case: Case, told: Sequence[Correction]) -> float | None:
     """Lag error of the worst drive; a drive without a correction has no lag."""
     robot = case.robot
     true = np.broadcast_to(np.asarray(case.sensors[0].lag), len(robot.drives))
-    found = [_of(told, "lag", drive) for drive in robot.drives]
+    found = [_last_correction(told, "lag", drive) for drive in robot.drives]
     if all(correction is None for correction in found):
         return None
     values = [0.0 if lag is None or lag.value is None else lag.value * _SECONDS.get(lag.unit, 1.0)
@@ -159,7 +159,7 @@ def _load_error(happening: Happening, told: Sequence[Correction]) -> float | Non
 
 def _gain_errors(case: Case, told: Sequence[Correction]) -> list[float]:
     """Relative errors of gains; a reported gain multiplies recorded torques."""
-    found = [_of(told, "gain", drive) for drive in case.robot.drives]
+    found = [_last_correction(told, "gain", drive) for drive in case.robot.drives]
     if any(correction is None or correction.value is None for correction in found):
         return []
     return [
@@ -180,13 +180,13 @@ def _true_gains(case: Case) -> np.ndarray:
 
 
 def _gains_held(case: Case, told: Sequence[Correction]) -> list[bool]:
-    found = [_of(told, "gain", drive) for drive in case.robot.drives]
+    found = [_last_correction(told, "gain", drive) for drive in case.robot.drives]
     truths = zip(found, _true_gains(case), strict=True)
-    pairs = [(told, true) for told, true in truths if told is not None]
+    pairs = [(gain, true) for gain, true in truths if gain is not None]
     return [
-        told.low <= 1 / true <= told.high
-        for told, true in pairs
-        if told.low is not None and told.high is not None
+        gain.low <= 1 / true <= gain.high
+        for gain, true in pairs
+        if gain.low is not None and gain.high is not None
     ]
 
 

@@ -35,7 +35,7 @@ class Made(NamedTuple):
             happening=replace(self.happening, **changes), words=(*self.words, words)
         )
 
-    def of(self, words: str, oracle: ComposedOracle, p: Array | None = None) -> "Made":
+    def with_oracle(self, words: str, oracle: ComposedOracle, p: Array | None = None) -> "Made":
         """The same with another true robot on the same path."""
         m = self.machine
         plant = replace(m.plant, oracle=oracle, p=m.plant.p if p is None else p)

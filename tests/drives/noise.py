@@ -21,7 +21,7 @@ def noise_limit(case: Case, draws: int = 100) -> tuple[float, float, float]:
     """
     happening, machine = case.happenings[0], case.machine
     dynamics, p = compiled(case.robot), machine.plant.p
-    truth = happening.at(happening.time[::_EVERY])
+    truth = happening.truth_at(happening.time[::_EVERY])
     moving = np.all(truth.rates != 0, axis=1)
     state = (truth.z[moving], truth.qd[moving], truth.qdd[moving])
     tau = dynamics.torque(*state, p)

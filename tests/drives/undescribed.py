@@ -82,7 +82,7 @@ def long_limb(made: Made, rng: np.random.Generator, size: float) -> Made:
     else:
         limbs[k], part = replace(limbs[k], strut=limbs[k].strut + size), "strut"
     words = f"{part} of limb {k + 1} {1e3 * size:.2g} mm longer"
-    return made.of(words, replace(oracle, limbs=tuple(limbs)))
+    return made.with_oracle(words, replace(oracle, limbs=tuple(limbs)))
 
 
 def tilt(made: Made, rng: np.random.Generator, size: float) -> Made:
@@ -90,7 +90,7 @@ def tilt(made: Made, rng: np.random.Generator, size: float) -> Made:
     oracle, about = made.machine.plant.oracle, rng.uniform(0, 2 * np.pi)
     axis = np.array([np.cos(about), np.sin(about), 0.0])
     gravity = Rotation.from_rotvec(np.deg2rad(size) * axis).apply(oracle.gravity)
-    return made.of(f"tilt {size:.2g}°", replace(oracle, gravity=gravity))
+    return made.with_oracle(f"tilt {size:.2g}°", replace(oracle, gravity=gravity))
 
 
 def lengths(made: Made, rng: np.random.Generator, size: float) -> Made:
@@ -104,7 +104,7 @@ def lengths(made: Made, rng: np.random.Generator, size: float) -> Made:
         )
         for limb in oracle.limbs
     )
-    return made.of(f"lengths {1e3 * size:.2g} mm off", replace(oracle, limbs=limbs))
+    return made.with_oracle(f"lengths {1e3 * size:.2g} mm off", replace(oracle, limbs=limbs))
 
 
 def asymmetric(made: Made, rng: np.random.Generator, size: float) -> Made:
@@ -138,7 +138,7 @@ def _off_shape(made: Made, rng: np.random.Generator, size: float, about_centre: 
         turned.append(f"{body} {angle:.1f}°")
     oracle = replace(m.plant.oracle, bodies=bodies_of(m.robot, p))
     about = "centre" if about_centre else "joint"
-    return made.of(f"bodies turned about their {about}: {', '.join(turned)}", oracle, p)
+    return made.with_oracle(f"bodies turned about their {about}: {', '.join(turned)}", oracle, p)
 
 
 def _around(rng: np.random.Generator) -> Array:

@@ -9,8 +9,8 @@ from faults.tools import (
     ImpossibleError,
     drives,
     kind,
-    one,
     only,
+    random_drive,
     recorded,
     replanted,
     scaled,
@@ -117,7 +117,9 @@ def load_change(case: Case, rng: np.random.Generator) -> Case:
 
     def extra(truth: Truth) -> Array:
         held = np.searchsorted(switches, truth.time) % 2 == 1
-        return held[:, None] * (with_load.at(truth.time).tau - setting.at(truth.time).tau)
+        return held[:, None] * (
+            with_load.truth_at(truth.time).tau - setting.truth_at(truth.time).tau
+        )
 
     times = ", ".join(f"{s:.1f}" for s in switches)
     return replace(recorded(case, extra=extra), size=f"{mass:.2g} kg at {times} s")
@@ -126,7 +128,7 @@ def load_change(case: Case, rng: np.random.Generator) -> Case:
 @kind("drive-gain", hides=True)
 def drive_gain(case: Case, rng: np.random.Generator) -> Case:
     """One drive's torque is scaled wrongly by 5 to 30 %."""
-    drive, share = one(case, rng), spread(rng, 0.05, 0.3) * rng.choice([-1, 1])
+    drive, share = random_drive(case, rng), spread(rng, 0.05, 0.3) * rng.choice([-1, 1])
     columns = scaled(case, "tau", only(case, drive, 1 + share))
     name = drives(case)[drive]
     return replace(case, columns=columns, size=f"{share:+.1%} of {name}", subject=name)

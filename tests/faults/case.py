@@ -58,9 +58,9 @@ class Setting:
     @cached_property
     def truth(self) -> Truth:
         """True motion and torques at the samples."""
-        return self.at(self.time)
+        return self.truth_at(self.time)
 
-    def at(self, time: Array) -> Truth:
+    def truth_at(self, time: Array) -> Truth:
         """True motion and torques at other times, ascending (s)."""
         pace = even_pace(time, self.period, self.rest)
         truth = self.plant.move(pace, np.random.default_rng([self.seed, 1]))
@@ -75,7 +75,7 @@ class Setting:
         """Readings of the sensors: t, q, qd if recorded, tau."""
         truth, rng = self.truth, np.random.default_rng([self.seed, 2])
         if self.jitter is not None:
-            truth = self.at(self.time + self.jitter)
+            truth = self.truth_at(self.time + self.jitter)
         columns = {"t": self.time, "q": self.step * np.round(truth.q / self.step)}
         if self.velocity:
             columns["qd"] = self._differences(columns["q"] - truth.q) + truth.qd

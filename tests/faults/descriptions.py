@@ -10,7 +10,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.robot.load import catalogue_text, load_robot
 from faults.case import Case
-from faults.tools import ImpossibleError, drives, kind, one, rotary, spread
+from faults.tools import ImpossibleError, drives, kind, random_drive, rotary, spread
 
 _LENGTHS = ("base_radius", "platform_radius", "upper_arm", "strut", "base_points",
             "platform_points")  # fmt: skip
@@ -30,7 +30,7 @@ def friction_missing(case: Case, rng: np.random.Generator) -> Case:
     if rng.uniform() < 0.6:
         del data["friction"]
         return replace(case, data=data, size="all")
-    name = drives(case)[one(case, rng)]
+    name = drives(case)[random_drive(case, rng)]
     del data["friction"][name]
     return replace(case, data=data, size=name)
 

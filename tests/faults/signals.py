@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from deltaid.errors import KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
 from faults.case import Case
-from faults.tools import ImpossibleError, drives, kind, one, recorded, some, spread
+from faults.tools import ImpossibleError, drives, kind, random_drive, recorded, some, spread
 
 
 @kind("rate", related=("clock", "torque-noise"))
@@ -126,7 +126,7 @@ def torque_lag(case: Case, rng: np.random.Generator) -> Case:
     """All torques lag or lead the positions by 0.3 to 8 ms."""
     setting, late = case.setting, spread(rng, 0.3e-3, 8e-3)
     late = late if rng.uniform() < 0.7 else -late
-    behind = setting.at(setting.time - late).tau - setting.truth.tau
+    behind = setting.truth_at(setting.time - late).tau - setting.truth.tau
     columns = dict(case.columns) | {"tau": case.columns["tau"] + behind}
     return replace(case, columns=columns, size=f"{1e3 * late:.3g} ms")
 
@@ -156,7 +156,7 @@ def slow(case: Case, rng: np.random.Generator) -> Case:
 @kind("excitation", "base-parameters", related=("excitation", "base-parameters", "standing"))
 def resting_drive(case: Case, rng: np.random.Generator) -> Case:
     """One drive never moves."""
-    plant, drive = case.setting.plant, one(case, rng)
+    plant, drive = case.setting.plant, random_drive(case, rng)
     kinematics = Kinematics(case.robot)
     q = plant.oracle.positions(plant.path)
     middle = np.mean(q, axis=0)

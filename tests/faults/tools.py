@@ -34,10 +34,10 @@ def kind(
 ) -> Callable[[Change], Kind]:
     """Make a kind of fault from a function that adds it to a case."""
 
-    def made(change: Change) -> Kind:
+    def kind_of(change: Change) -> Kind:
         return Kind(change, keys, related, hides)
 
-    return made
+    return kind_of
 
 
 class ImpossibleError(Exception):
@@ -49,7 +49,7 @@ def drives(case: Case) -> tuple[str, ...]:
     return case.robot.drives
 
 
-def one(case: Case, rng: np.random.Generator) -> int:
+def random_drive(case: Case, rng: np.random.Generator) -> int:
     """Index of a random drive."""
     return int(rng.integers(len(drives(case))))
 
@@ -110,5 +110,5 @@ def some(case: Case, rng: np.random.Generator) -> tuple[Array, str]:
     """Mask and name of a random drive, or of all drives with an empty name."""
     if rng.uniform() < 0.5:
         return np.ones(len(drives(case)), bool), ""
-    drive = one(case, rng)
+    drive = random_drive(case, rng)
     return np.arange(len(drives(case))) == drive, drives(case)[drive]

@@ -9,9 +9,9 @@ from faults.tools import (
     ImpossibleError,
     drives,
     kind,
-    one,
     only,
     permutation,
+    random_drive,
     replanted,
     rotary,
     scaled,
@@ -76,7 +76,7 @@ def motor_torque(case: Case, rng: np.random.Generator) -> Case:
 @kind("angle-sign")
 def angle_sign(case: Case, rng: np.random.Generator) -> Case:
     """One drive's angle has the wrong sign."""
-    drive = one(case, rng)
+    drive = random_drive(case, rng)
     columns = scaled(case, "q", only(case, drive, -1.0))
     if "qd" in columns:
         columns["qd"] = columns["qd"] * only(case, drive, -1.0)
@@ -119,7 +119,7 @@ def drive_order(case: Case, rng: np.random.Generator) -> Case:
 @kind("homing-or-tilt", hides=True)
 def homing(case: Case, rng: np.random.Generator) -> Case:
     """One drive's zero is wrong, by 3 to 50 mrad or 1 to 20 mm."""
-    drive = one(case, rng)
+    drive = random_drive(case, rng)
     size = spread(rng, 3e-3, 50e-3) if rotary(case)[drive] else spread(rng, 1e-3, 20e-3)
     offset = only(case, drive, 1.0 + size * rng.choice([-1, 1])) - 1.0
     columns = dict(case.columns) | {"q": case.columns["q"] + offset}
@@ -163,7 +163,7 @@ def velocity_lag(case: Case, rng: np.random.Generator) -> Case:
     case = with_velocity(case)
     late = spread(rng, 1e-3, 5e-3)
     setting = case.setting
-    behind = setting.at(setting.time - late).qd - setting.truth.qd
+    behind = setting.truth_at(setting.time - late).qd - setting.truth.qd
     columns = dict(case.columns) | {"qd": case.columns["qd"] + behind}
     if np.sqrt(len(behind)) * np.std(behind, axis=0).max() < 6e-3 * np.abs(setting.truth.qd).max():
         raise ImpossibleError("too slow a motion to see it")

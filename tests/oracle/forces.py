@@ -26,7 +26,7 @@ class ForceOracle(ComposedOracle):
     """A robot of two struts a limb with a rigid or H4 platform. H4: `tool` on the bar's axis."""
 
     @classmethod
-    def of(cls, oracle: ComposedOracle) -> "ForceOracle":
+    def like(cls, oracle: ComposedOracle) -> "ForceOracle":
         """The same robot."""
         return cls(**{f.name: getattr(oracle, f.name) for f in fields(oracle)})
 
