@@ -83,8 +83,8 @@ class Template:
         """The whole and every group behind it, with R_G and R_N of each drive and group."""
         n, found = len(self.names), []
         every = self.file.whole.joined(self.file.groups)
-        for factors, at in zip(every.factors, self.felt, strict=True):
-            own, split = int(np.sum(at < n)), []
+        for factors, places in zip(every.factors, self.felt, strict=True):
+            own, split = int(np.sum(places < n)), []
             for R in factors:
                 rows = int(np.flatnonzero(np.any(R != 0, axis=1))[-1]) + 1
                 split.append((R[:own, :own], R[:rows, own:-1]))

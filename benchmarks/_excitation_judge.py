@@ -29,7 +29,7 @@ class Curve:
         """The value after a share of the way from the start to the best."""
         return float((1 - share) * self.values[0] + share * self.values[-1])
 
-    def at(self, seconds: float) -> float:
+    def value_at(self, seconds: float) -> float:
         reached = np.flatnonzero(self.seconds <= seconds)
         return float(self.values[reached[-1]]) if len(reached) else np.inf
 
@@ -101,4 +101,4 @@ class Comparison:
 
     @property
     def then(self) -> float:
-        return self.ours.at(self.theirs.time_to(self.theirs.best))
+        return self.ours.value_at(self.theirs.time_to(self.theirs.best))

@@ -70,7 +70,7 @@ class Differences:
         self.began = time.process_time()
 
     @property
-    def left(self) -> float:
+    def seconds_left(self) -> float:
         return self._budget - (time.process_time() - self.began)
 
     def values(self, x: np.ndarray) -> np.ndarray:
@@ -123,7 +123,7 @@ def run_slsqp(problem: ExcitationProblem, x_0: np.ndarray, budget: float) -> Tra
     functions = Differences(problem, budget)
 
     def checked(x: np.ndarray) -> np.ndarray:
-        if functions.left <= 0:
+        if functions.seconds_left <= 0:
             raise OutOfTimeError
         return functions.values(x)
 
@@ -159,7 +159,7 @@ def run_ipopt(problem: ExcitationProblem, x_0: np.ndarray, budget: float) -> Tra
     def solve(x_now: np.ndarray) -> np.ndarray:
         options = {
             "ipopt.hessian_approximation": "limited-memory",
-            "ipopt.max_cpu_time": max(functions.left, 0.1),
+            "ipopt.max_cpu_time": max(functions.seconds_left, 0.1),
             "ipopt.max_iter": 1_000_000,
             "ipopt.tol": 1e-5,
             "ipopt.print_level": 0,
@@ -210,7 +210,7 @@ def _until_time_is_up(
 ) -> Trace:
     """Solve, and again from the result, until the time is up or nothing moves."""
     try:
-        while functions.left > 0:
+        while functions.seconds_left > 0:
             before, x = x, solve(x)
             if np.allclose(x, before, atol=1e-6):
                 break

@@ -85,7 +85,9 @@ class Chain:
     friction: np.ndarray | None = None
 
     @classmethod
-    def of(cls, kind: Production, p: np.ndarray, strange: Strange | None, seed: int) -> "Chain":
+    def of_kind(
+        cls, kind: Production, p: np.ndarray, strange: Strange | None, seed: int
+    ) -> "Chain":
         """Of the first robot of a kind.
 
         Args:

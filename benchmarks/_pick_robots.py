@@ -67,8 +67,8 @@ class Strange:
     @classmethod
     def of_many(cls, each: Sequence["Strange"]) -> "Strange":
         """All robots' numbers, one robot a row."""
-        names = [one.name for one in fields(cls)]
-        return cls(**{name: np.array([[getattr(one, name)] for one in each]) for name in names})
+        names = [number.name for number in fields(cls)]
+        return cls(**{name: np.array([[getattr(robot, name)] for robot in each]) for name in names})
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,7 +48,7 @@ class Told(NamedTuple):
     held: np.ndarray
 
 
-def one(name: str, case: str, seed: int) -> tuple[np.ndarray, dict[str, Told]]:
+def robot_results(name: str, case: str, seed: int) -> tuple[np.ndarray, dict[str, Told]]:
     """Whether data decides each entry of one drawn robot, and what is told of it, by the kind of
     interval; without the second where drawing models is refused."""
     rng, of = np.random.default_rng(1000 + seed), sensed(name, case, SPREAD)
@@ -72,10 +72,10 @@ def one(name: str, case: str, seed: int) -> tuple[np.ndarray, dict[str, Told]]:
 
 def rows(name: str, case: str, seeds: int, pool: ProcessPoolExecutor) -> list[tuple[object, ...]]:
     """Rows of the table, one for each kind of interval."""
-    results = list(pool.map(one, [name] * seeds, [case] * seeds, range(seeds)))
+    results = list(pool.map(robot_results, [name] * seeds, [case] * seeds, range(seeds)))
     some = np.mean([decided for decided, _ in results], axis=0) >= _MOSTLY
     return [
-        row(name, case, kind, [told[kind] for _, told in results if kind in told], some)
+        row(name, case, kind, [by_kind[kind] for _, by_kind in results if kind in by_kind], some)
         for kind in ("linear", "posterior")
     ]
 

@@ -79,8 +79,8 @@ def main() -> None:
     rows, held = list[tuple[str, ...]](), list[bool]()
     for kind in given.kinds.split(","):
         for seed in range(given.seeds):
-            for motion, gear, made in cases(kind, seed):
-                row, within = line(motion, gear, made)
+            for motion, gear, variant in cases(kind, seed):
+                row, within = line(motion, gear, variant)
                 rows.append((kind, *row))
                 held.append(within)
     note = (

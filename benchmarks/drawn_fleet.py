@@ -94,12 +94,12 @@ def _drawn(
     theta = one.to_columns @ values
     off = theta - one.to_columns @ one.with_load(one.truth)
     coulomb, a, felt = p[layout.coulomb][:dof], [], []
-    for i, at in enumerate(one.felt):
+    for i, places in enumerate(one.felt):
         largest = one.file.whole.torque_max[0, i]
         white = NOISE * largest * rng.standard_normal(WHITE) / np.sqrt(WHITE)
         slow = wander * coulomb[i] * rng.standard_normal(WANDERING) / np.sqrt(WANDERING)
         a.append(np.concatenate([white, slow]))
-        felt.append(at[at < n])
+        felt.append(places[places < n])
 
     def drawn(i: int, R: np.ndarray, N: np.ndarray) -> np.ndarray:
         own, e = len(R), N @ a[i]
@@ -114,14 +114,16 @@ def _drawn(
     if geometry is not None:
         factors = []
         for i, (R,) in enumerate(geometry.factors):
-            at = one.felt[i]
+            places = one.felt[i]
             own = len(felt[i])
-            Y, D = R[:, :own], R[:, len(at) : -1]
+            Y, D = R[:, :own], R[:, len(places) : -1]
             tau = R[:, -1] + Y @ off[felt[i]]
             factors.append(np.column_stack([Y, D, gain[i] * tau])[None])
         geometry = replace(geometry, factors=tuple(factors))
     every, split = one.groups
-    factors = [np.stack([drawn(i, *each) for each in own]) for i, own in enumerate(split)]
+    factors = [
+        np.stack([drawn(i, *each) for each in of_groups]) for i, of_groups in enumerate(split)
+    ]
     every = replace(every, factors=tuple(factors))
     whole, groups = every.named("whole"), every.named("time").joined(every.named("place"))
     return whole, groups, geometry

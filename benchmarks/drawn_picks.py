@@ -126,7 +126,7 @@ def _run(
         taus[k] = 0.5 * (tau + command)
         tau = command
         lost = lacking(strange, known, kind.fastest, q, qd, tau, time[k])
-        acting = tau - lost + forces.at(time[k], z, plants)
+        acting = tau - lost + forces.torque_at(time[k], z, plants)
         more = np.hstack([p(k), np.full((count, 1), h)]).T
         for _ in range(substeps):
             out = plants.step(np.vstack([z.T, qd.T, acting.T, more]), threads=1).T
@@ -148,14 +148,14 @@ def _parameters(
     now = kind.truth.copy()
     before = np.full(len(picks), -1)
 
-    def at(k: int) -> np.ndarray:
+    def parameters_at(k: int) -> np.ndarray:
         nonlocal before
         for i in np.flatnonzero(held[k] != before):
             now[i] = loaded(kind.robot, kind.truth[i], loads[i][held[k, i]])
         before = held[k]
         return now
 
-    return at, held
+    return parameters_at, held
 
 
 class _Forces:
@@ -166,7 +166,7 @@ class _Forces:
         self._all = sorted(((i, push) for i, plant in enumerate(pushes) for push in plant),
                            key=lambda pair: pair[1].start)  # fmt: skip
 
-    def at(self, time: float, z: np.ndarray, plants: _Plants) -> np.ndarray:
+    def torque_at(self, time: float, z: np.ndarray, plants: _Plants) -> np.ndarray:
         torque = np.zeros_like(z)
         acting = [(i, push) for i, push in self._all if push.start - 1e-9 <= time < push.end - 1e-9]
         if not acting:

@@ -82,7 +82,7 @@ def compare_optimisers(problem: ExcitationProblem, seeds: range, budget: float) 
             trace = run(problem, x_0, budget)
             pair = Comparison(ours, judge.curve(trace, budget))
             found.setdefault(trace.name, []).append(pair)
-            print(f"{_line(trace, pair.theirs)}  {_beside(pair)}", flush=True)
+            print(f"{_line(trace, pair.theirs)}  {_compared(pair)}", flush=True)
     for name, pairs in found.items():
         print(f"{name}, {_summary(pairs)}")
     _print_command_starts(problem)
@@ -106,7 +106,7 @@ def _line(trace: Trace, curve: Curve) -> str:
     )
 
 
-def _beside(pair: Comparison) -> str:
+def _compared(pair: Comparison) -> str:
     """Where deltaid stands when another solver has its best value, and the ratios of times."""
     at = pair.ours.time_to(pair.theirs.best)
     when = f"{at:.2f} s" if at < np.inf else "never"

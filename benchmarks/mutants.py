@@ -60,7 +60,7 @@ class Reach:
     seconds: dict[str, float]
     failed: list[str]
 
-    def of(self, mutant: Mutant) -> Iterator[list[str]]:
+    def portions(self, mutant: Mutant) -> Iterator[list[str]]:
         """Tests that reach a mutant, in portions: those named like its module, then quick ones."""
         lines = range(mutant.line, mutant.last + 1)
         found = {test for line in lines for test in self.tests.get(f"{mutant.path}:{line}", [])}
@@ -99,8 +99,8 @@ def reach(mutants: list[Mutant], work: Path, options: list[str]) -> Reach:
         part = json.loads(path.read_text())
         seconds |= part["seconds"]
         failed += part["failed"]
-        for line, found in part["tests"].items():
-            tests.setdefault(line, []).extend(found)
+        for line, reached in part["tests"].items():
+            tests.setdefault(line, []).extend(reached)
     return Reach(tests, seconds, sorted(set(failed)))
 
 
@@ -171,17 +171,17 @@ def main() -> None:
         further += [word for test in found.failed for word in ("--deselect", test)]
         copies = [_copy(work / f"copy{k}") for k in range(asked.jobs)]
 
-        def one(mutant: Mutant) -> str:
+        def answered(mutant: Mutant) -> str:
             copy = copies.pop()
             try:
-                answer = verdict(mutant, found.of(mutant), copy, further)
+                answer = verdict(mutant, found.portions(mutant), copy, further)
             finally:
                 copies.append(copy)
             print(f"{'killed' if answer else 'SURVIVES'} {mutant}  [{answer}]", flush=True)
             return answer
 
         with ThreadPoolExecutor(asked.jobs) as pool:
-            answers = list(pool.map(one, mutants))
+            answers = list(pool.map(answered, mutants))
     rows = [
         (mutant.room, f"`{mutant}`".replace("|", "\\|"), _found_by(mutant, answer))
         for mutant, answer in zip(mutants, answers, strict=True)

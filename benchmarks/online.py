@@ -133,8 +133,10 @@ def counted(name: str, payload: float, robots: int, minutes: float) -> list[tupl
     for run, push in enumerate((0.0, FORCE)):
         log = produced(kind, RUN, 100 + run, push)
         for i, recording in recordings(log, kind):
-            for told, count in counts.items():
-                replay = open_replay(kind.models[i], recording, gripper="gripper" if told else None)
+            for has_signal, count in counts.items():
+                replay = open_replay(
+                    kind.models[i], recording, gripper="gripper" if has_signal else None
+                )
                 found = watch(kind.models[i], replay, OnlineSettings(largest_mass=payload))
                 count.best.append(found.best)
                 count.worst.append(found.worst)
@@ -145,7 +147,7 @@ def counted(name: str, payload: float, robots: int, minutes: float) -> list[tupl
                 count.alarms += len(found.touches)
                 count.seconds += float(log.time[-1])
         print(name, run, flush=True)
-    return [count.row(name, payload, told) for told, count in counts.items()]
+    return [count.row(name, payload, has_signal) for has_signal, count in counts.items()]
 
 
 def main() -> None:

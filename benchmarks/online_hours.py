@@ -122,7 +122,7 @@ class Run:
         before, weak, strong = (
             self.part(60.0, 2, forces) for forces in (None, WEAK, (FORCE, FORCE))
         )
-        least = [float(np.median(np.concatenate(one.least)[-_LAST:])) for one in (before, weak)]
+        least = [float(np.median(np.concatenate(part.least)[-_LAST:])) for part in (before, weak)]
         return (
             f"{name}, {payload:g} kg", plant, early, len(quiet.touches) - early,
             f"{quiet.seconds / 60:.1f}", len(quiet.near), f"{np.mean(quiet.near):.1%}",
@@ -139,7 +139,7 @@ def main() -> None:
     for plant, unlike in PLANTS.items():
         for name, kind in kinds.items():
             p = kind.truth[0] if unlike else kind.models[0].p
-            chain = Chain.of(kind, p, kind.strange[0] if unlike else None, 21)
+            chain = Chain.of_kind(kind, p, kind.strange[0] if unlike else None, 21)
             run = Run(kind.models[0], chain)
             rows.append(run.row(name, kind.payload, plant, given.minutes))
             leave(HEAD, rows, NOTE, minutes=given.minutes)

@@ -26,7 +26,7 @@ def main() -> None:
     parser.add_argument("after", type=Path)
     given = parser.parse_args()
     before, after = (
-        {kept["case"]: kept for kept in json.loads(path.read_text())}
+        {result["case"]: result for result in json.loads(path.read_text())}
         for path in (given.before, given.after)
     )
     cases = [case for case in after if case in before]

@@ -174,7 +174,7 @@ def strangers(robots: int) -> list[tuple[object, ...]]:
     members, _, _ = fleet(kind, mean, robots, rng, 0)
     layout, before = kind.dynamics.layout, fitted(members, kind.robot, FIT)
 
-    def one(k: int, what: str) -> TypeMember:
+    def stranger(k: int, what: str) -> TypeMember:
         p = made_alike(kind.robot, mean, rng)
         gain = 1.15 if what == "torque constants 15 % off" else 1.0
         if what == "tool 25 % of the platform heavier":
@@ -189,7 +189,7 @@ def strangers(robots: int) -> list[tuple[object, ...]]:
     for what in ("tool 25 % of the platform heavier", "torque constants 15 % off", "another type",
                  "friction of one drive doubled"):  # fmt: skip
         for share in (1, robots // 4):
-            some = [one(k, what) for k in range(max(share, 1))]
+            some = [stranger(k, what) for k in range(max(share, 1))]
             found = fitted([*members, *some], kind.robot, FIT)
             own = [each for each in found.members if each.name.startswith("stranger")]
             bodies = np.flatnonzero(before.free[: 10 * len(layout.bodies)])

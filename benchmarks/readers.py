@@ -91,10 +91,13 @@ def _bag(kind: str) -> Callable[[pl.DataFrame, Path], None]:
         held, joints = arrays(table), [f"joint{i + 1}" for i in range(DRIVES)]
         messages = (
             message
-            for at in range(0, len(table), _PART)
+            for first in range(0, len(table), _PART)
             for message in bags.states(
-                held["t"][at : at + _PART],
-                {"position": held["q"][at : at + _PART], "effort": held["tau"][at : at + _PART]},
+                held["t"][first : first + _PART],
+                {
+                    "position": held["q"][first : first + _PART],
+                    "effort": held["tau"][first : first + _PART],
+                },
                 joints,
             )
         )

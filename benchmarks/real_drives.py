@@ -229,7 +229,7 @@ def note(seeds: int, kinds: str, seconds: float) -> str:
     )
 
 
-def kept(outcome: Result) -> dict[str, object]:
+def as_dictionary(outcome: Result) -> dict[str, object]:
     """A case as `paired.py` reads it."""
     found = outcome.judged
     errors = {} if found is None else {"M": found.M, "friction": found.friction,
@@ -255,7 +255,7 @@ def main() -> None:
             if given.each:
                 print(*of_robot, sep="\n", flush=True)
     if given.keep:
-        given.keep.write_text(json.dumps([kept(outcome) for outcome in found], indent=1))
+        given.keep.write_text(json.dumps([as_dictionary(outcome) for outcome in found], indent=1))
         return
     table = [line(row, [outcome for outcome in found if outcome.row == row]) for row in rows]
     seconds = float(np.median([outcome.seconds for outcome in found]))

@@ -72,8 +72,8 @@ def run(settings: RecordingSettings) -> dict[str, Any]:
     choice, law = chosen.friction_choice, chosen.robot.friction.get("drive4")
     assert choice is not None
     return {
-        "slow": left(result, "slow"),
-        "fast": left(result, "fast"),
+        "slow": residuals(result, "slow"),
+        "fast": residuals(result, "fast"),
         "base": others(result, BASE),
         "consistent": max(others(result, name) for name in (SIMPLE, GEOM, CHOSEN)),
         "law": law_in_words(law) if law else "",
@@ -85,7 +85,7 @@ def run(settings: RecordingSettings) -> dict[str, Any]:
     }
 
 
-def left(result: Irb360, motion: str) -> dict[str, float]:
+def residuals(result: Irb360, motion: str) -> dict[str, float]:
     """What each model leaves of drive 4's torque [N m]."""
     rms = {name: float(result.tracks[motion].rms[name][3]) for name in MODELS if name != NOISE}
     return rms | {NOISE: float(result.tracks[motion].noise[3])}

@@ -105,10 +105,10 @@ def knowledge_of(model: ControlModel, picks: Picks, mass: float, late: float = 0
     """The model with the load while it is held, from some time after the pick on."""
     with_load, times = model.holding(mass), picks.held(mass)
 
-    def at(time: float) -> ControlModel:
+    def model_at(time: float) -> ControlModel:
         return with_load if any(h.start + late <= time < h.end for h in times) else model
 
-    return at
+    return model_at
 
 
 class Estimating:

@@ -56,7 +56,7 @@ class Case:
     drives: Drives
 
 
-def made(name: str, robot: RobotDescription, rng: np.random.Generator) -> Case:
+def case_of(name: str, robot: RobotDescription, rng: np.random.Generator) -> Case:
     robot = robot.changed(rotor_inertia=dict.fromkeys(robot.drives, ROTOR))
     robot = with_prior(robot, surrogate_parameters(robot, rng))
 
@@ -104,10 +104,10 @@ def recorded(run: Tracking, rng: np.random.Generator) -> Recording:
     return Recording.from_arrays(t=run.time, q=run.q, tau=run.tau + noise)
 
 
-def one(name: str, robot: RobotDescription, seed: int) -> dict[str, list[float]]:
+def controller_errors(name: str, robot: RobotDescription, seed: int) -> dict[str, list[float]]:
     """Errors [mm] of each controller on one plant, in the order of the table's columns."""
     rng = np.random.default_rng(seed)
-    case = made(name, robot, rng)
+    case = case_of(name, robot, rng)
     known = load(robot)
     truth, kinematics = case.plant.model, known.dynamics.kinematics
     motions = [tamed(truth.dynamics, truth.p, random_motion(kinematics, rng)) for _ in range(2)]
@@ -158,7 +158,7 @@ def main() -> None:
         refused = ""
         for seed in range(chosen.seeds):
             try:
-                told = one(name, robot, seed)
+                told = controller_errors(name, robot, seed)
             except DeltaidError as error:
                 refused = f" (seed {seed}: {str(error).splitlines()[0][:60]})"
                 continue

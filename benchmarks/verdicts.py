@@ -39,13 +39,13 @@ class Result:
     error: str = ""
 
 
-def made(kind: str, seed: int) -> Case:
+def case_of(kind: str, seed: int) -> Case:
     return clean(seed) if kind == "clean" else faulty(kind, seed)
 
 
 def result(kind: str, seed: int) -> Result:
     """Make a case and judge the verdicts on it."""
-    case = made(kind, seed)
+    case = case_of(kind, seed)
     words = f"{case.robot.name}, {case.size or f'{case.setting.noise:.1%} noise'}"
     start = time.process_time()
     try:
@@ -94,7 +94,7 @@ def missed(results: list[Result]) -> str:
 
 
 def show(kind: str, seed: int) -> None:
-    case = made(kind, seed)
+    case = case_of(kind, seed)
     s = case.setting
     print(f"{case.robot.name}: {case.kind}, {case.size}; expected {case.keys} {case.subject}")
     print(

@@ -161,12 +161,17 @@ def _names(found: list[Verdict], fault: Fault, drives: set[str]) -> bool:
 
 def rows(results: dict[tuple[str, str], list[Result]]) -> list[tuple[object, ...]]:
     out = list[tuple[object, ...]]()
-    for (fault, motion), of in results.items():
-        good = [not r.called if fault == "none" else r.named for r in of]
-        wrong = sum(r.called and not ok for r, ok in zip(of, good, strict=True))
-        missed = 0 if fault == "none" else sum(not r.called for r in of)
-        fixes, seconds = sum(r.wrong_fix for r in of), np.median([r.seconds for r in of])
-        out.append((fault, motion, len(of), sum(good), wrong, missed, fixes, f"{seconds:.1f}"))
+    for (fault, motion), outcomes in results.items():
+        good = [not r.called if fault == "none" else r.named for r in outcomes]
+        wrong = sum(r.called and not ok for r, ok in zip(outcomes, good, strict=True))
+        missed = 0 if fault == "none" else sum(not r.called for r in outcomes)
+        fixes, seconds = (
+            sum(r.wrong_fix for r in outcomes),
+            np.median([r.seconds for r in outcomes]),
+        )
+        out.append(
+            (fault, motion, len(outcomes), sum(good), wrong, missed, fixes, f"{seconds:.1f}")
+        )
     return out
 
 
@@ -193,8 +198,8 @@ def main() -> None:
                               f"{result.words or 'nothing'}"
                               f"{' WRONG FIX' * result.wrong_fix}", flush=True)  # fmt: skip
     sums = Counter[str]()
-    for of in results.values():
-        sums.update(recordings=len(of), wrong_fixes=sum(r.wrong_fix for r in of))
+    for outcomes in results.values():
+        sums.update(recordings=len(outcomes), wrong_fixes=sum(r.wrong_fix for r in outcomes))
     order = {key: results[key] for key in sorted(results, key=lambda k: names.index(k[0]))}
     note = f"{sums['recordings']} recordings, {sums['wrong_fixes']} wrong fixes."
     kinds = len(given.kinds.split(","))
