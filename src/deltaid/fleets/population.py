@@ -17,8 +17,8 @@ from jaxtyping import Bool, Float
 from scipy.linalg import inv
 
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale, with_prior
-from deltaid.estimation.scatter import CHANCE
 from deltaid.errors import few
+from deltaid.estimation.scatter import CHANCE
 from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.coordinates import Coordinates
 from deltaid.fleets.member import unmeasured
