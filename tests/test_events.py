@@ -20,6 +20,7 @@ from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.recording import windows
 from deltaid.recording.columns import Columns
 from deltaid.recording.filter import design_low_pass
+from deltaid.recording.masks.masks import Mask
 from deltaid.recording.memory import Recording as RawRecording
 from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import LeftSpan, Repairs
@@ -165,6 +166,27 @@ def test_outliers_are_nowhere_else_where_all_times_are_near_changes_of_sign() ->
     turns = np.arange(0.0, 100.0, 0.01).tolist()
     assert not outliers_at(turns[:40], [2.0] * 40, turns).any()
     assert not outliers_at([*turns[:40], 200.0], [2.0] * 41, turns).any()
+
+
+def test_what_ends_where_the_robot_stands_still_is_a_stop(monkeypatch) -> None:
+    """Also where all events recur at changes of sign."""
+    setting, dynamics = moving(CLAVEL), compiled(load_robot(CLAVEL))
+    log = recorded(setting, torques(setting, PUSHES))
+    (recording,) = open_recordings(log, dynamics.kinematics)
+    row = round((PUSHES[1].end + 0.06) * setting.rate)
+    start, end = row / setting.rate, (row + 1) / setting.rate
+    still = Mask("standing still", (0, 1, 2), row, row + 1, start, end)
+    masked = replace(recording, log=replace(recording.log, masks=(still,)))
+    expected = on_time(ExplainedRecording(dynamics, (), masked))
+    assert expected is not None
+    reasons = [span.reason for span in events(expected)]
+    assert reasons == ["contact", "stop", "contact", "contact", "contact"]
+    monkeypatch.setattr(
+        "deltaid.identification.events.at_changes",
+        lambda _, stretches, __: np.ones(len(stretches), dtype=bool),
+    )
+    other = "change of sign"
+    assert [span.reason for span in events(expected)] == [other, "stop", other, other, other]
 
 
 # What is no contact

@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from deltaid.errors import few
+
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "deltaid"
 LONGEST = 30  # words a sentence
 FORBIDDEN = re.compile(
@@ -67,3 +69,9 @@ def test_messages_are_short_and_plain() -> None:
     assert len(gathered) > 2000
     bad = {place: found for place, text in gathered if (found := complaints(text))}
     assert not bad, "\n".join(f"{place}: {complaint}" for place, complaint in bad.items())
+
+
+def test_a_long_list_says_how_many_more_there_are() -> None:
+    assert few(["a", "b"], 2) == "a, b"
+    assert few(["a", "b", "c", "d", "e"], 3) == "a, b, c and 2 more"
+    assert few(["a", "b", "c"], 1, "; ") == "a; and 2 more"
