@@ -180,6 +180,16 @@ def test_a_torque_that_keeps_its_sign_is_no_magnitude() -> None:
     assert not bad(checked_wiring(evidence(load_robot(NAME), table, None)))
 
 
+@pytest.mark.slow
+def test_a_force_that_keeps_a_torque_from_changing_its_sign_makes_no_magnitudes() -> None:
+    """A fit without the force changes its sign, and explains less than one that never does."""
+    made = case("force", "h4", 0)
+    (log,) = made.logs
+    assert (log["tau2"] < 0).all() or (log["tau2"] > 0).all()
+    verdicts = bad(checked_wiring(evidence(made.robot, log, None)))
+    assert not any("magnitudes" in verdict.cause for verdict in verdicts)
+
+
 @pytest.mark.parametrize("seed", [6, 13])
 def test_magnitudes_of_a_robot_unlike_its_description_are_named(seed: int) -> None:
     """A fit to them explains most of them as well, for gravity is most of these torques."""

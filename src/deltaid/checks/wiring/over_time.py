@@ -122,10 +122,11 @@ def _of_most_rows(
 
 def _magnitudes(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
     known = np.where(course.fitted, course.recorded, 0.0)
-    signed, sizes = (
-        1.0 - _gain(f, known)[1] ** 2 for f in (course.fitted, np.abs(course.unsigned))
-    )
-    drives = course.drives[course.one_sided & (sizes < _CLEARER * signed)].tolist()
+    fits = course.fitted, course.unsigned, np.abs(course.unsigned)
+    *signed, sizes = (1.0 - _gain(f, known)[1] ** 2 for f in fits)
+    # The fit to magnitudes has a sign too; torques that keep it are no magnitudes.
+    is_clearer = sizes < _CLEARER * np.minimum(*signed)
+    drives = course.drives[course.one_sided & is_clearer].tolist()
     if drives:
         yield Verdict(
             "torque-sign",
