@@ -129,7 +129,7 @@ NAMES: dict[Kind, str] = {
     "hold": "torques held between updates",
     "clock": "clocks that differ",
     "load": "held load",
-    "contact": "contacts",
+    "contact": "events excluded",
     "backlash": "play in gears",
     "friction": "friction law",
     "temperature": "friction that warms up",
