@@ -160,6 +160,8 @@ def test_outliers_recur_at_changes_of_sign_if_nearly_all_are_there() -> None:
     ]
     assert outliers_at(here, [2.0] * 39 + [12.0], turns).tolist() == [True] * 39 + [False]
     assert not outliers_at([], [], turns).any()
+    nothing = Outliers((), (), 0.0, (), ())
+    assert not at_changes(nothing, (), design_low_pass(20.0, 1000.0, single=True)).any()
 
 
 def test_outliers_are_nowhere_else_where_all_times_are_near_changes_of_sign() -> None:

@@ -229,6 +229,8 @@ def at_changes(
     peaks = np.array([stretch.peak for stretch in stretches])
     size = np.array([stretch.size for stretch in stretches])
     recur = np.zeros(len(stretches), dtype=bool)
+    if not stretches:  # perhaps no row was inspected
+        return recur
     for changes in (outliers.turns, outliers.reversals):
         times = np.sort(np.concatenate(changes))
         are_near = _are_near(peaks, times, near)
