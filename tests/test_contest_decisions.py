@@ -73,7 +73,7 @@ def test_what_a_contest_leaves_is_more_than_what_later_stages_leave_of_theirs(
     ]
     rest = Mock(part=unexplained, is_unexplained=True)
     monkeypatch.setattr("deltaid.identification.study.causes_of", lambda *_: causes)
-    monkeypatch.setattr("deltaid.identification.study.rests", lambda _: [rest])
+    monkeypatch.setattr("deltaid.identification.study.rest_of_each_drive", lambda _: [rest])
     assert left_of_a_drive(Mock(spec=Study, fit=None, account=None)) == left
 
 
