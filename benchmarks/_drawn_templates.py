@@ -137,7 +137,7 @@ def template(robot: RobotDescription, seed: int, *, is_loaded: bool) -> Template
     geometry, quantities = geometry_of(wide, problem, recording)
     record = record_of(robot, result, columns, quantities)
     file = FactorFile(record, *condensed(wide, recording), geometry)
-    return Template(file, wide.felt, p, held)
+    return Template(file, wide.of_drives, p, held)
 
 
 def _courses(table: pl.DataFrame, dynamics: Dynamics, rng: np.random.Generator) -> np.ndarray:
