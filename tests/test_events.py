@@ -133,12 +133,13 @@ def test_pushes_where_a_drive_reverses_may_come_from_the_drives(later: float) ->
 
 def outliers_at(peaks: list[float], sizes: list[float], turns: list[float]) -> np.ndarray:
     """Which outliers recur at changes of sign, in 100 s of a recording."""
+    zero = np.zeros(3)
     stretches = tuple(
-        OutlierStretch(t, t, np.array([size, 0.1]), t, np.zeros(3), np.zeros(2), np.zeros(2), 0.0)
+        OutlierStretch(t, t, np.array([size, 0.1, 0.1]), t, zero, zero, zero, 0.0)
         for t, size in zip(peaks, sizes, strict=True)
     )
     none, times, recur = np.zeros(0), np.array(turns), list[np.ndarray]()
-    for changes in ((none, times), (none, none)), ((none, none), (none, times)):
+    for changes in ((none, times, none), (none,) * 3), ((none,) * 3, (times, none, none)):
         outliers = Outliers(stretches, (), 100.0, *changes)
         low_pass = design_low_pass(20.0, 1000.0, single=True)
         recur.append(at_changes(outliers, stretches, low_pass))
