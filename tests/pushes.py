@@ -1,11 +1,17 @@
-"""Recordings of oracle robots that something pushes, with what is true of it."""
+"""Recordings of oracle robots that something pushes, with what is true of it, and the events
+that are excluded from them."""
 
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
+from deltaid.dynamics.dynamics import compiled
+from deltaid.identification.events import events, on_time
+from deltaid.identification.expectation_source import ExplainedRecording
 from deltaid.recording.memory import Recording
+from deltaid.recording.recording import open_recordings
+from deltaid.recording.repairs import LeftSpan
 from deltaid.robot.load import load_robot
 from faults.case import Case, Setting
 from oracle.tree import Array
@@ -69,3 +75,12 @@ def recorded(setting: Setting, more: Array | float = 0.0, lag: float = 0.0) -> R
     tau = columns["tau"] + setting.truth_at(time - lag).tau - setting.truth.tau + more
     table = Case(load_robot("clavel-delta3"), columns | {"tau": tau}, setting).table
     return Recording.from_table(table, name="pushed")
+
+
+def spans_left_out(name: str, log: Recording) -> tuple[LeftSpan, ...]:
+    """Events that are excluded from a recording of a catalogue robot."""
+    dynamics = compiled(load_robot(name))
+    (recording,) = open_recordings(log, dynamics.kinematics)
+    expected = on_time(ExplainedRecording(dynamics, (), recording))
+    assert expected is not None
+    return events(expected)

@@ -9,17 +9,11 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.identification.events import events, on_time
 from deltaid.identification.expectation_source import ExplainedRecording
 from deltaid.identification.identify import Identification, identify
-from deltaid.identification.outliers import (
-    Outliers,
-    OutlierStretch,
-    at_changes,
-    detected_outliers,
-)
+from deltaid.identification.outliers import detected_outliers
 from deltaid.model.corrections import Event
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.recording import windows
 from deltaid.recording.columns import Columns
-from deltaid.recording.filter import design_low_pass
 from deltaid.recording.masks.masks import Mask
 from deltaid.recording.memory import Recording as RawRecording
 from deltaid.recording.recording import open_recordings
@@ -30,7 +24,7 @@ from drives import case
 from drives.identify import identified
 from drives.judge import judge
 from faults.case import Setting
-from pushes import Force, moving, places, recorded, torques
+from pushes import Force, moving, places, recorded, spans_left_out, torques
 from sweeps import swept
 
 CLAVEL, IRB, LINEAR = "clavel-delta3", "irb360-6-1600", "linear-delta"
@@ -46,14 +40,6 @@ PUSHES = (
 
 
 ONE_AFTER_ANOTHER = (2.0, 3.0, 4.5, 5.5, 7.0, 8.2)
-
-
-def spans_left_out(name: str, log: RawRecording) -> tuple[LeftSpan, ...]:
-    dynamics = compiled(load_robot(name))
-    (recording,) = open_recordings(log, dynamics.kinematics)
-    expected = on_time(ExplainedRecording(dynamics, (), recording))
-    assert expected is not None
-    return events(expected)
 
 
 def mass_error(result: Identification, setting: Setting) -> float:
@@ -111,64 +97,6 @@ def test_a_fit_without_contacts_is_that_of_a_clean_recording(tmp_path) -> None:
     (kept,) = IdentifiedModel.load(tmp_path / "model.yaml").sources
     assert kept.events == source.events
     assert {event.drives for event in kept.events} == {("drive1", "drive2", "drive3")}
-
-
-@pytest.mark.parametrize("later", [0.0, 0.15])
-def test_pushes_where_a_drive_reverses_may_come_from_the_drives(later: float) -> None:
-    """Pushes that come with the reversals of a drive, and the same ones that come later."""
-    setting = moving(CLAVEL)
-    speed = setting.truth.qd[:, 0]
-    turns = setting.time[1:][np.signbit(speed[1:]) != np.signbit(speed[:-1])] + later
-    turns = turns[(turns > 0.5) & (turns < 9.5)]
-    directions = np.random.default_rng(4).normal(size=(len(turns), 3))
-    pushes = tuple(
-        Force(t - 0.02, t + 0.02, tuple(100.0 * x / np.linalg.norm(x)))
-        for t, x in zip(turns.tolist(), directions, strict=True)
-    )
-    spans = spans_left_out(CLAVEL, recorded(setting, torques(setting, pushes)))
-    assert len(spans) == len(turns) >= 4
-    assert {span.reason for span in spans} == {"contact" if later else "change of sign"}
-    assert all(span.push for span in spans)
-
-
-def outliers_at(peaks: list[float], sizes: list[float], turns: list[float]) -> np.ndarray:
-    """Which outliers recur at changes of sign, in 100 s of a recording."""
-    zero = np.zeros(3)
-    stretches = tuple(
-        OutlierStretch(t, t, np.array([size, 0.1, 0.1]), t, zero, zero, zero, 0.0)
-        for t, size in zip(peaks, sizes, strict=True)
-    )
-    none, times, recur = np.zeros(0), np.array(turns), list[np.ndarray]()
-    for changes in ((none, times, none), (none,) * 3), ((none,) * 3, (times, none, none)):
-        outliers = Outliers(stretches, (), 100.0, *changes)
-        low_pass = design_low_pass(20.0, 1000.0, single=True)
-        recur.append(at_changes(outliers, stretches, low_pass))
-    np.testing.assert_array_equal(*recur)
-    return recur[0]
-
-
-def test_outliers_recur_at_changes_of_sign_if_nearly_all_are_there() -> None:
-    turns = np.arange(1.0, 100.0, 2.0).tolist()
-    here, away = turns[:40], [t + 0.5 for t in turns]
-    assert outliers_at(here, [2.0] * 40, turns).all()
-    assert not outliers_at(away[:40], [2.0] * 40, turns).any()
-    assert not outliers_at([*here[:9], *away[:9]], [2.0] * 18, turns).any()
-    assert not outliers_at(here[:1], [2.0], turns).any()
-    # One elsewhere that is as large as the others belongs to them, one that is larger does not.
-    assert outliers_at([*here, away[0]], [2.0] * 40 + [2.5], turns).all()
-    assert outliers_at([*here, away[0]], [2.0] * 40 + [5.0], turns).tolist() == [True] * 40 + [
-        False
-    ]
-    assert outliers_at(here, [2.0] * 39 + [12.0], turns).tolist() == [True] * 39 + [False]
-    assert not outliers_at([], [], turns).any()
-    nothing = Outliers((), (), 0.0, (), ())
-    assert not at_changes(nothing, (), design_low_pass(20.0, 1000.0, single=True)).any()
-
-
-def test_outliers_are_nowhere_else_where_all_times_are_near_changes_of_sign() -> None:
-    turns = np.arange(0.0, 100.0, 0.01).tolist()
-    assert not outliers_at(turns[:40], [2.0] * 40, turns).any()
-    assert not outliers_at([*turns[:40], 200.0], [2.0] * 41, turns).any()
 
 
 def test_what_ends_where_the_robot_stands_still_is_a_stop(monkeypatch) -> None:

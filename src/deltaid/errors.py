@@ -215,7 +215,7 @@ def shortened(text: str) -> str:
 
 def few(items: Sequence[str], most: int, between: str = ", ") -> str:
     """The first items of a list, and how many more there are."""
-    more = f"{between if between != ', ' else ' '}and {len(items) - most} more"
+    more = f"{between.lstrip(',')}and {len(items) - most} more"
     return between.join(items[:most]) + more * (len(items) > most)
 
 

@@ -185,7 +185,7 @@ def without_recurring(
         outliers: which the stretches belong to.
         margin: time excluded about a change of sign, and about outliers there [s].
     """
-    near, turns = _NEAR + _PERIOD / low_pass.motion_cutoff, outliers.turns
+    near, turns = _reach(low_pass), outliers.turns
     peaks = np.array([stretch.peak for stretch in stretches])
     first = np.array([np.argmax(stretch.sizes) for stretch in stretches], dtype=int)
     size = np.array([stretch.size for stretch in stretches])
@@ -225,7 +225,7 @@ def at_changes(
     there by chance, unless that is less likely by a factor of `UNLIKELY` than that all stretches
     but such a share of them belong there.
     """
-    near = _NEAR + _PERIOD / low_pass.motion_cutoff
+    near = _reach(low_pass)
     peaks = np.array([stretch.peak for stretch in stretches])
     size = np.array([stretch.size for stretch in stretches])
     recur = np.zeros(len(stretches), dtype=bool)
@@ -240,6 +240,11 @@ def at_changes(
         if np.log(recurring / by_chance).sum() > -np.log(UNLIKELY):
             recur |= _are_usual(size, are_near, are_near)
     return recur
+
+
+def _reach(low_pass: LowPass) -> float:
+    """Time within which an outlier belongs to a change of sign [s]."""
+    return _NEAR + _PERIOD / low_pass.motion_cutoff
 
 
 def _are_usual(
