@@ -2,6 +2,7 @@
 
 from functools import cache
 from typing import Any
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -10,11 +11,14 @@ from scipy.signal import lfilter
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects import lags as module
+from deltaid.effects import timing
 from deltaid.effects.along_motion import DriveSpring
 from deltaid.effects.lags import Lags, estimate_lags
 from deltaid.effects.reversals import ReversalLags, lags_of_reversals
 from deltaid.estimation.additions import Addition
+from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import Trace, trace
+from deltaid.levels import ROUNDS
 from deltaid.motion.random_motion import random_motion
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
@@ -63,6 +67,30 @@ def test_a_filter_whose_tails_are_in_noise_is_no_step_at_once(constant: float) -
     found = lags_of_reversals(recording(0.0, constant, noise=2.0), (), p, np.full(3, constant))
     np.testing.assert_array_less(np.abs(found.values - constant), 2 * found.deviation)
     assert found.filtered.tolist() == [constant > 0] * 3
+
+
+@pytest.mark.parametrize(
+    ("dead", "constant", "noise"),
+    [(5e-3, 0.0, 1.0), (4.6e-3, 0.0, 0.02), (7e-3, 0.0, 0.02), (1e-3, 3.3e-3, 0.02)],
+)
+def test_filters_settle_where_steps_of_friction_fall_between_two_rows(
+    monkeypatch: pytest.MonkeyPatch, dead: float, constant: float, noise: float
+) -> None:
+    rounds = create_autospec(timing.timing_slopes, side_effect=timing.timing_slopes)
+    monkeypatch.setattr(timing, "timing_slopes", rounds)
+    dynamics, sharp = compiled(load_robot("clavel-delta3")), np.zeros(3, bool)
+    rows = TraceRows.for_dynamics(dynamics, (), 0.5)
+    record, p = recording(dead, constant, noise), prior_parameters(dynamics.robot)
+    timing.other_than_delays(rows, record, np.full(3, dead + constant), sharp, p)
+    assert 1 < rounds.call_count < ROUNDS // 2
+
+
+def test_a_time_constant_of_a_filter_is_right() -> None:
+    dynamics, sharp = compiled(load_robot("clavel-delta3")), np.zeros(3, bool)
+    rows, p = TraceRows.for_dynamics(dynamics, (), 0.5), prior_parameters(dynamics.robot)
+    filters, _ = timing.other_than_delays(rows, recording(0.0, 6e-3), np.full(3, 6e-3), sharp, p)
+    assert filters is not None
+    np.testing.assert_allclose(filters.constants, 6e-3, rtol=0.05)
 
 
 @pytest.fixture
