@@ -6,12 +6,16 @@ its lag is known to ±3 ms. Whether it is corrected or left alone, the interval 
 hold the truth, so nothing here depends on which of the two is done.
 """
 
+from dataclasses import replace
 from functools import cache
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters, compiled
+from deltaid.effects.unexplained import FreeTorque
+from deltaid.identification.doubts import doubts
 from deltaid.identification.identify import Identification, identify
 from deltaid.model.settings import LagChoice, Settings
 from deltaid.motion.random_motion import random_motion
@@ -76,6 +80,29 @@ def test_those_of_friction_do_too() -> None:
     """Late, M q̈ looks like viscous friction in part: both are 2.2 times as wide."""
     allowed, alone = friction_widths(fitted_to(3, 0)), friction_widths(fitted_to(3, 0, "none"))
     assert np.all(np.array(allowed) > 1.5 * np.array(alone))
+
+
+@pytest.mark.parametrize(
+    ("name", "is_unexplained", "said"),
+    [
+        ("lag.torques", False, ""),
+        ("viscous.drive2", False, "Free more of their entries"),
+        ("viscous.drive2", True, "Find that first"),
+    ],
+)
+def test_a_lag_that_the_fit_omits_contradicts_no_description(
+    name: str, is_unexplained: bool, said: str
+) -> None:
+    problem = fitted_to(3, 0).problem
+    free = (Mock(spec=FreeTorque, is_held=False),) * is_unexplained
+    doubtful = replace(problem, additions=(*problem.additions, *free))
+    estimate, k = problem.estimate, problem.layout.names.index(name)
+    far = 100 * estimate.interval * np.equal(problem.base.representatives, k)
+    assert far.any()
+    vars(doubtful)["estimate"] = replace(estimate, values=estimate.values + far)
+    doubt = " ".join(doubts(doubtful))
+    assert said in doubt
+    assert ("the recording alone gives" in doubt) == bool(said)
 
 
 @pytest.mark.slow

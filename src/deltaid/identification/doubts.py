@@ -65,6 +65,10 @@ def _misfit(problem: FittedProblem) -> Iterator[str]:
         )
 
 
+def _is_unexplained(problem: FittedProblem) -> bool:
+    return any(isinstance(addition, FreeTorque) for addition in problem.additions)
+
+
 def _grown(problem: FittedProblem) -> Iterator[str]:
     """Entries that no torque determines and consistency made much larger than the prior."""
     reduction, p = problem.reduction, problem.values
@@ -76,7 +80,7 @@ def _grown(problem: FittedProblem) -> Iterator[str]:
         for i in grown
     )
     cause = "the prior is too light or too small; weigh the body, or describe its size"
-    if any(isinstance(addition, FreeTorque) for addition in problem.additions):
+    if _is_unexplained(problem):
         cause = "a part of what is unexplained passes for these moments; find that first"
     if names:
         yield (
@@ -105,7 +109,7 @@ def _contradictions(problem: FittedProblem) -> Iterator[str]:
 
     With the truth within the prior, both agree up to the noise of the estimate. Otherwise the fit
     also moves parameters that are correlated with this one, maybe out of their intervals, which
-    trust the description.
+    trust the description. Parameters that the fit holds are not compared.
     """
     base, estimate = problem.base, problem.estimate
     by_noise, freedom = estimate.by_noise  # geometry shifts both sides alike
@@ -115,20 +119,33 @@ def _contradictions(problem: FittedProblem) -> Iterator[str]:
     excess = max(1.0, float(assumed / max(problem.noise, np.finfo(float).tiny)))
     fitted, half = base.values(problem.values), excess * quantile(freedom) * by_noise
     apart = np.abs(fitted - estimate.values) / np.maximum(half, np.finfo(float).tiny)
+    held = [
+        parameter.name
+        for addition in problem.additions if addition.is_held for parameter in addition.parameters
+    ]  # fmt: skip
+    apart[np.isin(np.array(problem.layout.names)[base.representatives], held)] = 0.0
     k, count = int(np.argmax(apart)), int(np.sum(apart > FAR))
     if not count:
         return
     unit = base.layout.units[base.representatives[k]]
     others = f"; {count - 1} more are as far apart" if count > 1 else ""
+    yield (
+        f"the recording alone gives {base.formulas[k]} = {estimate.values[k]:.3g} ± "
+        f"{half[k]:.2g} {unit}, the fit {fitted[k]:.3g} {unit}{others}: {_why(problem)}"
+    )
+
+
+def _why(problem: FittedProblem) -> str:
+    """The likeliest cause of a contradiction, and its cure."""
+    if _is_unexplained(problem):
+        return "a part of what is unexplained passes for it. Find that first"
     causes, cure = "entries that 'free' excludes or consistency", "Free more of their entries"
     if problem.settings.gamma is not None:  # then no prior is widened
         causes = f"prior, {causes}"
         cure = "Likeliest the prior of this body is too far off: correct it, or free more entries"
-    yield (
-        f"the recording alone gives {base.formulas[k]} = {estimate.values[k]:.3g} ± "
-        f"{half[k]:.2g} {unit}, the fit {fitted[k]:.3g} {unit}{others}: {causes} contradict the "
-        "recording, and other parameters of these bodies may lie outside of their intervals. "
-        f"{cure}"
+    return (
+        f"{causes} contradict the recording, and other parameters of these bodies may lie outside "
+        f"of their intervals. {cure}"
     )
 
 
