@@ -93,6 +93,12 @@ def test_drives_that_differ_by_chance_four_times_in_five_have_one_lag() -> None:
         assert (groups(lags) == ((0, 1, 2), (3,))) == alike
 
 
+def test_where_three_lags_differ_a_fourth_that_agrees_does_so_by_chance() -> None:
+    assert groups(np.array([1.0, 2.0, 3.0, 3.0])) == ((0,), (1,), (2,), (3,))
+    assert groups(np.array([2.0, 2.0, 3.0, 3.0])) == ((0, 1), (2, 3))
+    assert groups(np.array([1.0, 2.0, 0.0, 0.0])) == ((0,), (1,))
+
+
 def test_a_drive_that_hardly_moves_has_the_lag_of_the_others() -> None:
     """Though none at all would be nearer to its own estimate."""
     covariance = np.diag([SIGMA, SIGMA, SIGMA, 1e3 * SIGMA]) ** 2

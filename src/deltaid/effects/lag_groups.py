@@ -147,13 +147,19 @@ def _contradicted(labels: tuple[int, ...], distance: float, together: float) -> 
 
 
 def _hypotheses(dof: int) -> list[tuple[int, ...]]:
-    """For each drive the number of its group, or 0 for no lag; the simplest first."""
+    """For each drive the number of its group, or 0 for no lag; the simplest first.
+
+    Drives of one make share a lag, or two. Where there are more, each drive has its own, and lags
+    that agree do so by chance.
+    """
+    own = tuple(range(1, dof + 1))
     if dof > _MANY:
-        return [(0,) * dof, (1,) * dof, tuple(range(1, dof + 1))]
+        return [(0,) * dof, (1,) * dof, own]
     labels: list[tuple[int, ...]] = [()]
     for _ in range(dof):
         labels = [(*head, k) for head in labels for k in range(max(head, default=0) + 2)]
-    return sorted(labels, key=_complexity)
+    grouped = (each for each in labels if max(each) <= 2 or each == own)
+    return sorted(grouped, key=_complexity)
 
 
 def _complexity(labels: tuple[int, ...]) -> tuple[int, int]:
