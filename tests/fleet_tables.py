@@ -193,5 +193,5 @@ def _types(robots: int) -> pl.DataFrame:
         for parameter, (mean, unit) in PARAMETERS.items()
     ]  # fmt: skip
     names = ("type", "parameter", "mean", "std", "low", "high", "spread", "spread_low",
-             "spread_high", "unit", "prior", "robots", "told")  # fmt: skip
+             "spread_high", "unit", "prior", "robots", "remarks")  # fmt: skip
     return pl.DataFrame(rows, schema=names, orient="row")

@@ -63,7 +63,7 @@ def test_what_can_be_told(results: tuple[dict[str, Any], Path]) -> None:
     assert 0.5 < found["smallest_force"]["best"] < found["smallest_force"]["worst"] < 30
     assert found["cycles"] == 10_000
     assert found["bad"] == 0
-    assert found["told"]
+    assert found["has_gripper"]
     # It was recorded with the friction that the model has.
     for joint in found["friction"]:
         assert abs(joint["value"] - joint["before"]) < 3 * joint["std"] + 0.1

@@ -229,7 +229,7 @@ def online(
             "bad": watched.bad,
             "rate_hz": watched.rate,
             "seconds_a_cycle": watched.seconds,
-            "told": watched.has_gripper,
+            "has_gripper": watched.has_gripper,
             "loads": [
                 {
                     "start": load.start,

@@ -211,8 +211,8 @@ def as_dictionary(plan: "deltaid.SensorPlan") -> dict[str, Any]:
             {
                 "with": opening.name,
                 "title": opening.title,
-                "seen": opening.null.visible,
-                "told": opening.null.rank,
+                "visible": opening.null.visible,
+                "determined": opening.null.rank,
                 "directions": [
                     {
                         "words": direction.words,

@@ -32,7 +32,7 @@ _NUMBER, _TEXT = pl.Float64, pl.String
 TYPES = {
     **dict.fromkeys(("type", "parameter"), _TEXT),
     **dict.fromkeys(("mean", "std", "low", "high", "spread", "spread_low", "spread_high"), _NUMBER),
-    **{"unit": _TEXT, "prior": _NUMBER, "robots": pl.Int64, "told": _TEXT},
+    **{"unit": _TEXT, "prior": _NUMBER, "robots": pl.Int64, "remarks": _TEXT},
 }
 MEMBERS = {
     **dict.fromkeys(("robot", "type", "parameter"), _TEXT),

@@ -29,7 +29,7 @@ def page_table(verdicts: Sequence[Verdict]) -> Table:
     good = frozenset(i for i, verdict in enumerate(ordered) if verdict.grade is Grade.GOOD)
     marked = frozenset(range(len(ordered))) - good
     table = Table(
-        ("verdict", "check", "seen", _CAUSE),
+        ("verdict", "check", "detected", _CAUSE),
         tuple(
             (v.grade, v.key, v.observation, f"{v.cause} → {v.cure}" if v.cause or v.cure else "")
             for v in ordered

@@ -121,7 +121,8 @@ def _facts(
             value, note = "all good", tally(verdicts)
         facts.append(Fact("checks", value, note))
     bodies = "all bodies" if model.consistent else "violated"
-    note = f"{len(model.consistency)} bodies, friction positive"
+    count = len(model.consistency)
+    note = f"{count} {'body' if count == 1 else 'bodies'}, friction positive"
     optimum = Fact("optimum", *certificate(model.fit))
     return (*facts, optimum, Fact("physical consistency", bodies, note))
 

@@ -188,7 +188,7 @@ def _means(types: pl.DataFrame) -> Section:
         rows,
         "The spread is the standard deviation between robots, in the same unit.",
     )  # fmt: skip
-    notes = dict.fromkeys(text for text in types["told"].to_list() if text)
+    notes = dict.fromkeys(text for text in types["remarks"].to_list() if text)
     return Section(
         "Mean and spread",
         (*map(Text, notes), table),
