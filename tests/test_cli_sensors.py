@@ -34,11 +34,8 @@ def test_json_has_what_the_tables_say() -> None:
     torques, plan = found["torques"]["std"], found["steps"][-1]["std"]
     assert all(plan[name] <= torques[name] * (1 + 1e-9) for name in torques)
     opened = {opening["with"]: opening for opening in found["open"]}
-    assert (opened["torques"]["visible"], opened["torques"]["determined"]) == (20, 18)
-    assert (
-        len(opened["plan"]["directions"])
-        == opened["plan"]["visible"] - opened["plan"]["determined"]
-    )
+    assert (opened["torques"]["visible"], opened["torques"]["rank"]) == (20, 18)
+    assert len(opened["plan"]["directions"]) == opened["plan"]["visible"] - opened["plan"]["rank"]
     assert set(opened) == {"torques", "plan", *(use["name"] for use in found["uses"])}
 
 

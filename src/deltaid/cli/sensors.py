@@ -212,7 +212,7 @@ def as_dictionary(plan: "deltaid.SensorPlan") -> dict[str, Any]:
                 "with": opening.name,
                 "title": opening.title,
                 "visible": opening.null.visible,
-                "determined": opening.null.rank,
+                "rank": opening.null.rank,
                 "directions": [
                     {
                         "words": direction.words,

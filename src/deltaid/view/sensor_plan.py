@@ -151,7 +151,7 @@ def stopped(plan: SensorPlan) -> str:
 def count_table(plan: SensorPlan) -> Table:
     """Number of determined and undetermined combinations, by sensors; scales have one row each."""
     return Table(
-        ("with", "visible", "determined", "open"),
+        ("with", "visible", "rank", "open"),
         tuple(
             (
                 opening.title,
