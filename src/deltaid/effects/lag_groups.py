@@ -28,7 +28,7 @@ _PROBABLE = 0.2
 # Lags [s] that need no correction; and that hardly matter, while twice as much does harm. Good
 # recordings of 15 s determine a lag to 5–20 µs, those of a few seconds to 0.1 ms.
 HARMLESS, SMALL = 2e-5, 1.5e-4
-# Number of drives up to which all hypotheses are tried: 7 drives have 4140.
+# Number of drives up to which all hypotheses are tried: 7 drives have 1095.
 _MANY = 6
 # Prior standard deviations of lags [s], time constants [s] and rates of clocks.
 LAG, _CONSTANT, _RATE = 0.01, 0.005, 1e-3
@@ -157,9 +157,8 @@ def _hypotheses(dof: int) -> list[tuple[int, ...]]:
         return [(0,) * dof, (1,) * dof, own]
     labels: list[tuple[int, ...]] = [()]
     for _ in range(dof):
-        labels = [(*head, k) for head in labels for k in range(max(head, default=0) + 2)]
-    grouped = (each for each in labels if max(each) <= 2 or each == own)
-    return sorted(grouped, key=_complexity)
+        labels = [(*head, k) for head in labels for k in range(min(max(head, default=0) + 2, 3))]
+    return sorted([*labels, own] if dof > 2 else labels, key=_complexity)
 
 
 def _complexity(labels: tuple[int, ...]) -> tuple[int, int]:

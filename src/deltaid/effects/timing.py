@@ -104,13 +104,13 @@ def _swept(rows: TraceRows, trace: Trace, start: Timing, free: FreeTiming) -> Ti
     timing, dof, own = start, len(start.lags), np.flatnonzero(free.filters)
     low = _SHORTEST / trace.low_pass.rate
     duration = float(trace.stretches[-1].time[-1] - trace.stretches[0].time[0])
-    before, share = np.zeros(2 * dof + 1), np.ones(2 * dof + 1)
+    last_step, share = np.zeros(2 * dof + 1), np.ones(2 * dof + 1)
     for _ in range(ROUNDS):
         problem = _linear(rows, timing.corrected(trace), timing, free)
         step, covariance = free.steps(problem, rows.size)
         # Steps of friction between two rows make steps of the timing alternate.
-        share = np.where(-step * np.sign(before) > 0.5 * np.abs(before), 0.5 * share, share)
-        before = step
+        alternates = -step * np.sign(last_step) > 0.5 * np.abs(last_step)
+        share, last_step = np.where(alternates, 0.5 * share, share), step
         lags, constants, rate = np.split(timing.values + share * step, [dof, 2 * dof])
         # Torques are about linear in T², whose estimate may be negative.
         wide = timing.constants * (2 * constants - timing.constants)
@@ -118,13 +118,13 @@ def _swept(rows: TraceRows, trace: Trace, start: Timing, free: FreeTiming) -> Ti
         if free.pure:
             constants = lags
             covariance[np.ix_(dof + own, dof + own)] = covariance[np.ix_(own, own)]
-        last, timing = timing, Timing(
+        before, timing = timing, Timing(
             np.clip(lags, -_MOST[0], _MOST[0]),
             np.where(free.filters, np.clip(constants, low, _MOST[1]), 0.0),
             float(np.clip(rate[0], -_MOST[2], _MOST[2])), timing.about, covariance,
             rows.parameters(problem.x),
         )  # fmt: skip
-        moved = np.abs(timing.values - last.values)
+        moved = np.abs(timing.values - before.values)
         if max(moved[:-1].max(), moved[-1] * duration) < HARMLESS:
             break
     return timing
