@@ -32,9 +32,9 @@ def compiled(monkeypatch) -> list[str]:
     """Counts what is compiled."""
     done, honest = [], batch._compile
 
-    def counted(assembly: str) -> bytes:
+    def counted(assembly: str, level: int) -> bytes:
         done.append(assembly)
-        return honest(assembly)
+        return honest(assembly, level)
 
     monkeypatch.setattr(batch, "_compile", counted)
     return done
@@ -59,7 +59,7 @@ def test_a_new_process_finds_it_and_its_functions(folder: Path) -> None:
     script = (
         "import sys, numpy as np; sys.path.insert(0, sys.argv[1])\n"
         "import test_kernel_store as t\n"
-        "def never(assembly): raise AssertionError('compiled again')\n"
+        "def never(assembly, level): raise AssertionError('compiled again')\n"
         "t.batch._compile = never\n"
         "sys.stdout.write(t.kernel()(t.X).tobytes().hex())"
     )

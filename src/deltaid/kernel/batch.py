@@ -33,6 +33,8 @@ from deltaid.kernel import llvm_ir, store
 from deltaid.kernel.llvm_ir import KERNEL_NAME, LIBM_NAMES, vector_ir
 from deltaid.parallel import cores
 
+# Number of instructions from which on code is not optimised: that would take minutes.
+_LONG = 20_000
 # Samples per block: few enough for the cache, and not a power of two, because rows a power of two
 # apart compete for the same cache lines.
 BLOCK = 2000
@@ -235,7 +237,9 @@ class CompiledKernel:
         name = store.key(graph.serialize(), *_circumstances(target()), lanes)
         code = store.load(name)
         if code is None:
-            code = _compile(vector_ir(_once(graph), width, apart=apart))
+            once = _once(graph)
+            is_long = once.n_instructions() > _LONG
+            code = _compile(vector_ir(once, width, apart=apart), 0 if is_long else 2)
             store.save(name, code)
         self._engine = _engine(code)  # keeps the code alive
         self.call = ctypes.CFUNCTYPE(None, _POINTER, _INT, _POINTER, _INT, _POINTER, _INT)(
@@ -276,8 +280,9 @@ def _circumstances(cpu: Target) -> tuple[str | bytes, ...]:
     )
 
 
-def _compile(assembly: str) -> bytes:
-    return _machine().emit_object(llvm.parse_assembly(assembly))
+def _compile(assembly: str, level: int) -> bytes:
+    """Machine code at a level of optimisation."""
+    return _machine(level).emit_object(llvm.parse_assembly(assembly))
 
 
 def _engine(code: bytes) -> llvm.ExecutionEngine:
@@ -287,11 +292,11 @@ def _engine(code: bytes) -> llvm.ExecutionEngine:
     return engine
 
 
-def _machine() -> llvm.TargetMachine:
+def _machine(level: int = 2) -> llvm.TargetMachine:
     _initialise()
     cpu = target()
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=cpu.cpu, features=cpu.features, opt=2, jit=True
+        cpu=cpu.cpu, features=cpu.features, opt=level, jit=True
     )
 
 

@@ -51,6 +51,9 @@ _INTRINSIC = {
 }  # fmt: skip
 _COMPARISON = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
 
+# Values of a basic block: LLVM's time grows with the square of a block's length.
+_BLOCK = 2000
+
 _TEMPLATE = """\
 {declarations}
 define void @{name}(ptr {apart}%out, i64 %out_stride, ptr {apart}%in, i64 %in_stride,
@@ -60,7 +63,7 @@ entry:
   %empty = icmp eq i64 %n, 0
   br i1 %empty, label %done, label %loop
 loop:
-  %i = phi i64 [ 0, %entry ], [ %next, %loop ]
+  %i = phi i64 [ 0, %entry ], [ %next, %{last} ]
 {body}
   %next = add i64 %i, {width}
   %more = icmp ult i64 %next, %n
@@ -106,9 +109,14 @@ class _Emitter:
     def __init__(self, function: ca.Function, width: int) -> None:
         self._function = function
         self._width = width
-        self._vector = f"<{width} x double>"
+        # one lane is a scalar: LLVM takes much longer over vectors of one element
+        self._vector, self._mask, self._suffix = (
+            ("double", "i1", "f64") if width == 1
+            else (f"<{width} x double>", f"<{width} x i1>", f"v{width}f64")
+        )  # fmt: skip
         self._lines: list[str] = []
         self._count = 0
+        self._block = "loop"
         self._slots: dict[int, str] = {}
         self._uniform_used: set[int] = set()
         self._declared: set[str] = set()
@@ -122,6 +130,7 @@ class _Emitter:
             apart="noalias " if apart else "",
             uniform_loads=self._uniform_loads(),
             body="\n".join(self._lines),
+            last=self._block,
             width=self._width,
             bits=64 * self._width,
         )
@@ -145,7 +154,7 @@ class _Emitter:
         if op in _ARITHMETIC:
             return self._value(f"{_ARITHMETIC[op]} contract {V} {operands}")
         if op in _INTRINSIC:
-            name = f"@llvm.{_INTRINSIC[op]}.v{self._width}f64"
+            name = f"@llvm.{_INTRINSIC[op]}.{self._suffix}"
             self._declared.add(f"declare {V} {name}({', '.join([V] * len(args))})")
             return self._value(f"call {V} {name}({', '.join(f'{V} {arg}' for arg in args)})")
         if op in _LIBM:
@@ -157,10 +166,10 @@ class _Emitter:
         return _WRITTEN_OUT[op](self, V, *args)
 
     def _logic(self, word: str, a: str, b: str) -> str:
-        V, zero, bits = self._vector, self._constant(0.0), f"<{self._width} x i1>"
+        V, zero = self._vector, self._constant(0.0)
         masks = [self._value(f"fcmp une {V} {x}, {zero}") for x in (a, b)]
-        mask = self._value(f"{word} {bits} {masks[0]}, {masks[1]}")
-        return self._value(f"uitofp {bits} {mask} to {V}")
+        mask = self._value(f"{word} {self._mask} {masks[0]}, {masks[1]}")
+        return self._value(f"uitofp {self._mask} {mask} to {V}")
 
     def _sign(self, a: str) -> str:
         """(a > 0) − (a < 0), and NaN for NaN."""
@@ -169,21 +178,23 @@ class _Emitter:
         negative = self._truth(f"fcmp olt {V} {a}, {zero}")
         sign = self._value(f"fsub {V} {positive}, {negative}")
         unordered = self._value(f"fcmp uno {V} {a}, {a}")
-        return self._value(f"select <{self._width} x i1> {unordered}, {V} {a}, {V} {sign}")
+        return self._value(f"select {self._mask} {unordered}, {V} {a}, {V} {sign}")
 
     def _if_else_zero(self, condition: str, a: str) -> str:
         V, zero = self._vector, self._constant(0.0)
         mask = self._value(f"fcmp une {V} {condition}, {zero}")
-        return self._value(f"select <{self._width} x i1> {mask}, {V} {a}, {V} {zero}")
+        return self._value(f"select {self._mask} {mask}, {V} {a}, {V} {zero}")
 
     def _truth(self, comparison: str) -> str:
         """Emit a comparison as 0.0 or 1.0, as CasADi defines it."""
         mask = self._value(comparison)
-        return self._value(f"uitofp <{self._width} x i1> {mask} to {self._vector}")
+        return self._value(f"uitofp {self._mask} {mask} to {self._vector}")
 
     def _per_lane(self, name: str, args: list[str]) -> str:
         kinds, result = ", ".join(["double"] * len(args)), "undef"
         self._declared.add(f"declare double @{name}({kinds}) memory(none) nounwind willreturn")
+        if self._width == 1:
+            return self._value(f"call double @{name}({', '.join(f'double {a}' for a in args)})")
         for lane in range(self._width):
             scalars = [
                 self._value(f"extractelement {self._vector} {arg}, i64 {lane}") for arg in args
@@ -210,13 +221,18 @@ class _Emitter:
     def _constant(self, value: float) -> str:
         """A constant in all lanes, written as bits so that nothing is rounded."""
         (bits,) = struct.unpack("<Q", struct.pack("<d", value))
+        if self._width == 1:
+            return f"0x{bits:016X}"
         return f"<{', '.join([f'double 0x{bits:016X}'] * self._width)}>"
 
     def _uniform_loads(self) -> str:
         V, lines = self._vector, []
         for k in sorted(self._uniform_used):
+            lines.append(f"  %up{k} = getelementptr double, ptr %uniform, i64 {k}")
+            if self._width == 1:
+                lines.append(f"  %uniform{k} = load double, ptr %up{k}")
+                continue
             lines += [
-                f"  %up{k} = getelementptr double, ptr %uniform, i64 {k}",
                 f"  %us{k} = load double, ptr %up{k}",
                 f"  %uv{k} = insertelement {V} undef, double %us{k}, i64 0",
                 f"  %uniform{k} = shufflevector {V} %uv{k}, {V} undef, "
@@ -228,6 +244,9 @@ class _Emitter:
         self._count += 1
         name = f"%v{self._count}"
         self._lines.append(f"  {name} = {expression}")
+        if self._count % _BLOCK == 0:
+            self._block = f"part{self._count // _BLOCK}"
+            self._lines += [f"  br label %{self._block}", f"{self._block}:"]
         return name
 
 
