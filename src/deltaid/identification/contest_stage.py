@@ -169,8 +169,8 @@ def _sweeps(
     since: _Sweeps | None = None,
     free: Sequence[UnknownEffect] = (),
 ) -> _Sweeps:
-    """Sweep without the `barred` effects until coefficients settle or poses are out of reach, and
-    judge the result; `since` is the end to begin at, `free` are additional effects."""
+    """Sweep without the `barred` effects until coefficients settle or alternate, or poses are out of
+    reach, and judge the result; `since` is the end to begin at, `free` are additional effects."""
     without = bare.changed(barred_effects=bare.barred_effects | barred)
     if since is None:
         now, before, p = without, _begun(bare), None
@@ -183,15 +183,17 @@ def _sweeps(
     if errors.any():
         full = _swept(now, before, [without_turns(t, errors) for t in traces], p, 0, free)
     plain, dismissed = since.plain if since else full.points[0].p, ()
-    parts, why = frozenset[str](), ""
+    parts, why, earlier = frozenset[str](), "", list[ContestOutcome]()
     while True:
+        earlier.append(before)
         last = full.reduced()
         parts |= {u.name for u in UNKNOWNS if u.is_of_parts and u.name in last.shrunk.candidates}
         after = decided(before, last, may_wind_up=sweep < _DECIDED).within_limits()
         sweep += 1
         if after.doubts != before.doubts:
-            dismissed, sweep = (*dismissed, last.p - plain), 0  # others may take part instead
-        elif sweep == _most(after) or is_settled(before, after):
+            dismissed = (*dismissed, last.p - plain)
+            sweep, earlier = 0, list[ContestOutcome]()  # others may take part instead
+        elif sweep == _most(after) or any(is_settled(outcome, after) for outcome in earlier):
             break
         try:
             now = with_readings(without, after, last.p)
