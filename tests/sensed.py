@@ -17,13 +17,14 @@ from deltaid.identification.judgement import judged_parameters
 from deltaid.identification.measured_rows import SensorAddition
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.record import Settings
-from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.excitation.excite import ExcitationSettings
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
 from deltaid.sensors.weighings import weighings
+from drives.motions import excited
 
 RATE = 500.0
 # Torques' noise as a share of the largest, and steps of the chain that draws a robot.
@@ -126,7 +127,7 @@ def consistent(reduction: Reduction, off: np.ndarray) -> bool:
 def motion(name: str, rate: float = RATE) -> tuple[np.ndarray, ...]:
     """t, z, q, q̇, q̈ of the run that `deltaid excite` gives: several periods, from rest to rest."""
     dynamics = compiled(load_robot(name))
-    run = Exciter(dynamics, ExcitationSettings(starts=1, rate=rate)).optimise().run
+    run = excited(name, dynamics.robot, ExcitationSettings(starts=1))
     time = np.arange(int(run.duration * rate)) / rate
     z, zd, zdd = run.evaluate(time)
     return time, z, *dynamics.kinematics.drive_motion(z, zd, zdd)

@@ -13,15 +13,15 @@ from zlib import crc32
 
 import numpy as np
 
-from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import ParameterLayout, parameter_layout
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.excitation.excite import ExcitationSettings
 from deltaid.motion.random_motion import random_motion
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 from deltaid.robot.load import load_robot
+from drives.motions import excited
 from oracle.tree import Array
 from plants import GRID, Plant, even_pace, friction_of, oracle_of, true_parameters
 
@@ -102,8 +102,9 @@ def machine(kind: str, seed: int, poor: bool = False) -> Machine:
             p[part] = inertia_parameters(G @ pseudo_inertia(p[part]) @ G)
         if kind == "linear":
             p[parameter_layout(robot).friction] *= 0.4
+    name = f"{kind}-{seed}" + "-poor" * poor
     settings = ExcitationSettings(starts=1, seed=seed, duration=float(rng.uniform(10, 20)))
-    motion = Exciter(compiled(robot), settings).optimise().run.motion
+    motion = excited(name, robot, settings).motion
     rate = float(rng.choice([500.0, 1000.0, 2000.0])) if kind == "resized" else 1000.0
     path, _, _ = motion.evaluate(np.arange(GRID) * (motion.period / GRID))
     return on_path(robot, p, path, motion.period, rate, rng)
