@@ -35,11 +35,11 @@ def test_damaged_files_in_command_lines(inputs: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_case_ends_as_in_a_process_of_its_own(inputs: Path, tmp_path: Path) -> None:
-    """Cases share a process, with all that it has loaded, compiled and kept; so 50 of them that
+    """Cases share a process, with all that it has loaded, compiled and kept; so 25 of them that
     have run one after the other run once more, each alone."""
     place, ends = tmp_path / "case", dict[Line, Outcome]()
     lines = [line for line in LINES if not line.text.startswith("studio")]
-    for line in random.Random(1).sample(lines, 50):
+    for line in random.Random(1).sample(lines, 25):
         lay_out(line, inputs, place, random.Random(line.name))
         ends[line] = run_line(line, place)
     for line, outcome in ends.items():

@@ -4,8 +4,8 @@
 
 An excitation has many local optima. Rounding decides in which one a search ends, so another CPU
 gives another motion, and with it another recording. `motions.json` keeps those that tests and
-benchmarks use; others are computed. The command computes the named ones anew and keeps them: KIND-SEED
-of `drives.robots.machine`, or a robot of the catalogue with the settings of `sensed.motion`.
+benchmarks use; others are computed. The command computes the named ones anew and keeps them:
+KIND-SEED of `drives.robots.machine`, or a robot of the catalogue as in `sensed.motion`.
 """
 
 import json
@@ -42,9 +42,9 @@ def renew(names: list[str]) -> None:
 
     for name in names:
         _KEPT.pop(name, None)
-        kind, _, seed = name.partition("-")
-        if kind in KINDS:
-            machine(kind, int(seed.removesuffix("-poor")), seed.endswith("-poor"))
+        kind, _, seed = name.removesuffix("-poor").partition("-")
+        if kind in KINDS and seed.isdigit():
+            machine(kind, int(seed), name.endswith("-poor"))
         else:
             motion(name)
         lines = [f"{json.dumps(key)}: {json.dumps(_KEPT[key])}" for key in sorted(_KEPT)]

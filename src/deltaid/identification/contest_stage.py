@@ -169,8 +169,8 @@ def _sweeps(
     since: _Sweeps | None = None,
     free: Sequence[UnknownEffect] = (),
 ) -> _Sweeps:
-    """Sweep without the `barred` effects until coefficients settle or alternate, or poses are out of
-    reach, and judge the result; `since` is the end to begin at, `free` are additional effects."""
+    """Sweep without the `barred` effects until coefficients settle or alternate or poses are out
+    of reach, and judge the result; `since` is the end to begin at, `free` are further effects."""
     without = bare.changed(barred_effects=bare.barred_effects | barred)
     if since is None:
         now, before, p = without, _begun(bare), None
