@@ -20,9 +20,6 @@ from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import LeftSpan, Repairs
 from deltaid.robot.load import load_robot
 from deltaid.view.corrections import event_table
-from drives import case
-from drives.identify import identified
-from drives.judge import judge
 from faults.case import Setting
 from pushes import Force, moving, places, recorded, spans_left_out, torques
 from sweeps import swept
@@ -188,17 +185,6 @@ def test_play_in_gears_is_left_out_where_torques_change_their_sign() -> None:
 
 
 # Passes and tables
-
-
-@pytest.mark.slow
-def test_gears_that_wind_up_are_no_play() -> None:
-    """Where their torque changes its sign, links fall behind their motors as with play."""
-    made = case("gear-5000", "par4", 2)
-    result = identified(made)
-    kinds = [correction.kind for correction in result.model.corrections]
-    assert "backlash" not in kinds
-    assert kinds.count("compliance") == 4
-    assert judge(made, result).M < 0.03
 
 
 def test_nothing_depends_on_how_windows_are_cut(monkeypatch) -> None:
