@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import count
 from typing import Any
 from unittest.mock import Mock
 
@@ -163,15 +164,38 @@ def test_gears_found_stiff_among_rows_that_compliant_ones_leave_stay_so(
 
 def test_sweeps_go_on_until_they_settle(monkeypatch: pytest.MonkeyPatch) -> None:
     """Torque constants that fall beside friction that warms up need some thirty."""
-    sweeps = list[bool]()
+    sweeps = list[ContestOutcome]()
 
     def settled_late(before: ContestOutcome, after: ContestOutcome) -> bool:
-        sweeps.append(after.winds_up)
+        if not any(after is outcome for outcome in sweeps):
+            sweeps.append(after)
         return len(sweeps) == SWEEPS + 3
 
     monkeypatch.setattr(contest_stage, "is_settled", settled_late)
     identified(case("clean", "delta3"))
-    assert sweeps[: SWEEPS + 3] == [False] * (SWEEPS + 3)
+    first = sweeps[: SWEEPS + 3]
+    assert [outcome.winds_up for outcome in first] == [False] * (SWEEPS + 3)
+
+
+def test_sweeps_that_alternate_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names of ripples hold their orders, of which two may take turns."""
+    robot, number = described("clavel-delta3"), count()
+    zero = np.zeros(1)
+    sweep = Mock(spec=Contest, p=zero, points=[Mock(p=zero)])
+    sweep.shrunk = Mock(spec=Shrunk, candidates=())
+    sweep.reduced.return_value = sweep
+
+    def alternating(before: ContestOutcome, *_: Contest, may_wind_up: bool) -> ContestOutcome:
+        return replace(before, kept=(f"ripple of drive1, 12.0{next(number) % 2}",))
+
+    for name, stub in {
+        "decided": alternating, "_traces": lambda setup: [None], "_swept": lambda *_: sweep,
+        "with_readings": lambda setup, *_: setup, "doubted": lambda outcome, *_: outcome,
+        "_judged": lambda bare, end: end,
+    }.items():  # fmt: skip
+        monkeypatch.setattr(contest_stage, name, stub)
+    contest_stage._sweeps(Setup(robot, (), Settings()))
+    assert next(number) == 3
 
 
 def test_gears_become_compliant_in_the_first_sweeps_only(monkeypatch: pytest.MonkeyPatch) -> None:
