@@ -243,13 +243,18 @@ def test_a_wrong_gear_ratio_is_not_mistaken_for_lengths_or_a_load(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Far from where it is, slopes of its effect leave what lengths at their bound, or a load of
-    40 g that comes and goes, explain better."""
+    40 g that comes and goes, explain better. What all ratios share shows hardly: a Delta whose
+    lengths are all off moves nearly so."""
     monkeypatch.setitem(mixture.MIXED, "falling-gain", (lambda made, *_: made, 1.0, 2.0))
     made = case("mixture", "par4", 1)
     result = identified(made)
-    found = {(c.kind, c.subject): c.value for c in result.model.corrections}
-    assert found["gear-ratio", "drive1"] == pytest.approx(-0.5, abs=0.03)
-    assert not {kind for kind, _ in found} & {"length", "load", "platform-spring"}
+    corrections = result.model.corrections
+    first, *others = [
+        c.value for c in corrections if c.kind == "gear-ratio" and c.value is not None
+    ]
+    assert first - np.mean(others) == pytest.approx(-0.5, abs=0.03)
+    assert others == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
+    assert not {c.kind for c in corrections} & {"length", "load", "platform-spring"}
     assert judge(made, result).M < 0.005
 
 
