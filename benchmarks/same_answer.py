@@ -28,7 +28,7 @@ from _timing import options
 
 from deltaid.checks.identify import identify
 from deltaid.errors import DeltaidError
-from deltaid.kernel.batch import VARIABLE
+from deltaid.kernel.machine_code import VARIABLE
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.description import RobotDescription
 from drives import KINDS, ROWS, case

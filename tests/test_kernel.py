@@ -12,9 +12,10 @@ from hypothesis.extra.numpy import arrays
 
 from composed import Make, twin
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.kernel import batch
-from deltaid.kernel.batch import BatchKernel, Recurrence, target
+from deltaid.kernel import batch, machine_code
+from deltaid.kernel.batch import BatchKernel, Recurrence
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operations_unknown
+from deltaid.kernel.machine_code import target
 from support import assert_close
 
 A, B, U = ca.SX.sym("a"), ca.SX.sym("b"), ca.SX.sym("u")
@@ -274,7 +275,7 @@ def test_a_long_recurrence_is_compiled_at_once() -> None:
     for _ in range(20):
         following = 0.5 * (ca.cos(following) + ca.vertcat(following[1:], following[:1]) * u)
     graph = ca.Function("f", [x, u], [following])
-    assert graph.n_instructions() > batch._LONG
+    assert graph.n_instructions() > machine_code._LONG
     state, inputs = np.linspace(-1.0, 1.0, 300), np.linspace(0.5, 0.9, 600).reshape(2, 300)
     last, outputs = Recurrence(x, u, following, following[:3])(state, inputs)
     first = np.array(graph(state, inputs[0]))[:, 0]

@@ -14,8 +14,9 @@ import pytest
 from command import accepted
 from deltaid.dynamics import dynamics
 from deltaid.errors import DeltaidError
-from deltaid.kernel import batch, store
-from deltaid.kernel.batch import VARIABLE, BatchKernel, target
+from deltaid.kernel import machine_code, store
+from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel.machine_code import VARIABLE, target
 
 X = np.random.default_rng(0).normal(size=(2, 37))
 
@@ -30,13 +31,13 @@ def folder(tmp_path: Path, monkeypatch) -> Path:
 @pytest.fixture
 def compiled(monkeypatch) -> list[str]:
     """Counts what is compiled."""
-    done, honest = [], batch._compile
+    done, honest = [], machine_code._compile
 
     def counted(assembly: str, level: int) -> bytes:
         done.append(assembly)
         return honest(assembly, level)
 
-    monkeypatch.setattr(batch, "_compile", counted)
+    monkeypatch.setattr(machine_code, "_compile", counted)
     return done
 
 
@@ -60,7 +61,7 @@ def test_a_new_process_finds_it_and_its_functions(folder: Path) -> None:
         "import sys, numpy as np; sys.path.insert(0, sys.argv[1])\n"
         "import test_kernel_store as t\n"
         "def never(assembly, level): raise AssertionError('compiled again')\n"
-        "t.batch._compile = never\n"
+        "t.machine_code._compile = never\n"
         "sys.stdout.write(t.kernel()(t.X).tobytes().hex())"
     )
     assert printed(script, str(Path(__file__).parent)) == expected.tobytes().hex()
@@ -98,11 +99,11 @@ def test_another_machine_or_version_has_entries_of_its_own(
     folder: Path, compiled: list[str], monkeypatch
 ) -> None:
     kernel()
-    known = batch._circumstances(target())
+    known = machine_code._circumstances(target())
     assert len(known) == 9
     for i in range(len(known)):
         changed = (*known[:i], "another", *known[i + 1 :])
-        monkeypatch.setattr(batch, "_circumstances", lambda _, changed=changed: changed)
+        monkeypatch.setattr(machine_code, "_circumstances", lambda _, changed=changed: changed)
         kernel()
     assert len(compiled) == len(list(folder.iterdir())) == 1 + len(known)
 
@@ -239,8 +240,9 @@ def test_a_processor_needs_all_that_a_level_has(
 ) -> None:
     """Early ones have AVX2 without fused operations."""
     there = {name: name != lacking for name in ("sse4.2", "popcnt", "avx2", "fma", "bmi2")}
-    monkeypatch.setattr(batch.llvm, "get_host_cpu_features", lambda: there)
-    monkeypatch.setattr(batch, "_target", batch._target.__wrapped__)  # without what it remembers
+    monkeypatch.setattr(machine_code.llvm, "get_host_cpu_features", lambda: there)
+    # Without what it remembers.
+    monkeypatch.setattr(machine_code, "_target", machine_code._target.__wrapped__)
     monkeypatch.setenv(VARIABLE, "x86-64-v2")
     assert (target().cpu, target().width) == ("x86-64-v2", 4)
     monkeypatch.setenv(VARIABLE, "x86-64-v3")
