@@ -274,26 +274,46 @@ def test_what_is_stated_to_be_off_is_not_dropped(limb_lengths: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("row", "robot", "seed", "cause", "others", "most"),
-    [
-        # All are beyond what parts are off by, where sweeps lead to what no robot can reach.
-        # Dry friction of its platform looks like a load that comes and goes.
-        ("gear-ratio", "par4", 1, "gear-ratio", {"zero", "length", "load"}, 0.005),
-        # Dry friction of its platform steps elsewhere than described.
-        ("homing-0.3", "h4", 7, "zero", {"length", "ripple", "platform-force"}, 0.005),
-    ],
-)
-def test_what_is_within_parts_stands_in_place_of_what_is_not(
-    row: str, robot: str, seed: int, cause: str, others: set[str], most: float
-) -> None:
-    made = case(row, robot, seed)
+def test_what_is_within_parts_stands_in_place_of_what_is_not() -> None:
+    """Zeros are beyond what parts are off by, where sweeps lead to what no robot can reach; dry
+    friction of the platform steps elsewhere than described."""
+    made = case("homing-0.3", "h4", 7)
     result = identified(made)
     kinds = {correction.kind for correction in result.model.corrections}
-    assert cause in kinds
-    assert not kinds & others
-    error = judge(made, result).M
-    assert error < most
+    assert "zero" in kinds
+    assert not kinds & {"length", "ripple", "platform-force"}
+    assert judge(made, result).M < 0.005
+
+
+@pytest.mark.parametrize(
+    ("parts", "lost", "expected"),
+    [
+        ({"length", "zero"}, set(), [-3.0, -2.0, -1.5, -1.0]),
+        ({"length", "zero"}, {"length"}, [-3.0, -2.0, -1.0]),
+        ({"length"}, set(), [-2.5, -1.5]),
+        ({"length"}, {"length"}, []),
+        (set(), set(), []),
+    ],
+)
+def test_sweeps_are_repeated_without_errors_of_parts_and_from_the_best(
+    parts: set[str], lost: set[str], expected: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without all errors -1.0 is left, without lengths -1.5, without zeros -2.0."""
+    robot = described("clavel-delta3")
+    bare = Setup(robot, (), Settings())
+    noise = {frozenset(): -3.0, frozenset({"length"}): -1.5, frozenset({"zero"}): -2.0}
+
+    def swept(_: Setup, barred=frozenset(), since=None) -> contest_stage._Sweeps:
+        left = noise.get(barred, -1.0) if since is None else since.last.noise - 1.0
+        last = Mock(spec=Contest, noise=left)
+        return contest_stage._Sweeps(
+            bare, ContestOutcome(robot), last, last, np.zeros(0), (), frozenset(parts), "",
+            is_lost=barred == lost, excludes_turns=False,
+        )  # fmt: skip
+
+    monkeypatch.setattr(contest_stage, "_sweeps", swept)
+    ends = contest_stage._again(bare, frozenset(parts))
+    assert [end.last.noise for end in ends] == expected
 
 
 @pytest.mark.parametrize(("odds", "weight"), [(100.0, 1.0), (0.0, np.sqrt(1 / 3)), (-100.0, 0.0)])
