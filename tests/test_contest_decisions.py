@@ -38,13 +38,14 @@ from drives.judge import judge
 FORCES = {"platform-spring", "platform-force"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("row", "kind", "missing"),
     [
         ("askew", "delta4", {"structure"}),
-        pytest.param("falling-gain", "delta3", {"torque-constant"}, marks=pytest.mark.slow),
-        pytest.param("ripple", "delta3", {"ripple"}, marks=pytest.mark.slow),
-        pytest.param("spring", "delta3", FORCES, marks=pytest.mark.slow),
+        ("falling-gain", "delta3", {"torque-constant"}),
+        ("ripple", "delta3", {"ripple"}),
+        ("spring", "delta3", FORCES),
     ],
 )
 def test_a_cause_that_no_effect_is_of_ends_as_unexplained(
@@ -90,7 +91,7 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
         for n in (0.0, noise)
     )
     end = contest_stage._Sweeps(
-        setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False, None
+        setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False, False
     )
     other = replace(end, last=other, why_not=why_not)
     assert contest_stage._is_better(other, end) == stands

@@ -221,6 +221,7 @@ def test_slopes_of_a_torque_constant_are_at_recorded_torques() -> None:
             assert column[within] == pytest.approx(expected[within], rel=1e-3, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", ["saturation", "falling-gain"])
 def test_motors_that_saturate_are_the_only_cause(row: str) -> None:
     made = case(row, "delta4")

@@ -281,7 +281,7 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
             frozenset(),
             "why" if name in refuted else "",
             False,
-            None,
+            False,
         )
         for name, last in (("named", named), ("free", other))
     )
@@ -347,6 +347,7 @@ def test_a_refuted_contest_names_effects_alone(kept: tuple[str, ...], words: str
     assert words in text
 
 
+@pytest.mark.slow
 def test_torque_that_grows_with_speed_becomes_no_other_cause() -> None:
     """Springs, a force and ripples imitate it; beside free functions nothing is needed."""
     made = weaker_at_speed(case("clean", "delta3"))
