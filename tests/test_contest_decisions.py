@@ -117,23 +117,22 @@ def test_all_rows_decide_between_errors_that_rows_beside_turns_did_not_tell_apar
 ) -> None:
     """Of others, one is refuted, one leaves more."""
     robot = described("clavel-delta3")
-    shrunk, setup = Mock(spec=Shrunk, noise_spread=spread), Setup(robot, (), Settings())
-    noise = (-1.0, -3.0, -0.5, -2.0)
+    last = Mock(spec=Contest, shrunk=Mock(spec=Shrunk, noise_spread=spread))
     end, *others = (
         contest_stage._Sweeps(
-            setup, ContestOutcome(robot), last, last, np.zeros(0), (),
-            frozenset(parts), why, is_lost=False, excludes_turns=excludes_turns,
+            Setup(robot, (), Settings()), ContestOutcome(robot), last, last, np.zeros(0), (),
+            frozenset(parts), why, is_lost=False,
+            over_all_rows=Mock(return_value=Mock(spec=Contest, noise=noise))
+            if excludes_turns else None,
         )
-        for last, why in zip(
-            (Mock(spec=Contest, shrunk=shrunk, noise=n) for n in noise),
-            (why_not, "length", "", ""), strict=True,
-        )
+        for noise, why in ((-1.0, why_not), (-3.0, "length"), (-0.5, ""), (-2.0, ""))
     )  # fmt: skip
-    monkeypatch.setattr(contest_stage, "_barred", lambda bare, barred, since: others)
-    monkeypatch.setattr(contest_stage, "_sweeps", lambda bare, since: since)
-    assert contest_stage._by_all_rows(setup, end).last.noise == best
-    monkeypatch.setattr(contest_stage, "_barred", lambda bare, barred, since: [])
-    assert contest_stage._by_all_rows(setup, end) is end
+    monkeypatch.setattr(contest_stage, "_barred", lambda bare, barred: others)
+    result = contest_stage._by_all_rows(end.setup, end)
+    noise = dict(zip((end, *others), (-1.0, -3.0, -0.5, -2.0), strict=True))
+    assert noise[result] == best
+    monkeypatch.setattr(contest_stage, "_barred", lambda bare, barred: [])
+    assert contest_stage._by_all_rows(end.setup, end) is end
 
 
 def test_a_setup_that_has_been_through_a_contest_stays_as_it_is() -> None:

@@ -4,7 +4,7 @@ Each sweep (`contest`) linearises all effects about the present estimate, drops 
 do not need, and applies the others exactly to readings or robot. Some stay columns of the fit.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,7 +56,8 @@ class _Sweeps:
         parts: errors of the description that any sweep kept.
         why_not: why these corrections are refuted; empty where they stand.
         is_lost: whether the next sweep has poses out of reach, or no rows.
-        excludes_turns: whether rows near turns of passive joints were excluded.
+        over_all_rows: makes the last sweep with the rows near turns of passive joints; None if no
+            rows were excluded there.
     """
 
     setup: Setup
@@ -68,7 +69,7 @@ class _Sweeps:
     parts: frozenset[str]
     why_not: str
     is_lost: bool
-    excludes_turns: bool
+    over_all_rows: Callable[[], Contest] | None
 
     def counting(self, other: "_Sweeps") -> "_Sweeps":
         """The same with intervals that include the change of parameters by another end."""
@@ -111,25 +112,22 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     return estimated_anew(end.setup, progress)
 
 
-def _chance(end: _Sweeps) -> float:
-    """What the logarithm of the noise differs by through chance (95 %)."""
-    return NORMAL * end.last.shrunk.noise_spread
-
-
 def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
-    """Whether other sweeps stand and leave no more noise, up to chance."""
-    return not other.why_not and other.last.noise < end.last.noise + _chance(end)
+    """Whether other sweeps stand and leave no more noise, up to chance (95 %)."""
+    chance = NORMAL * end.last.shrunk.noise_spread
+    return not other.why_not and other.last.noise < end.last.noise + chance
 
 
 def _by_all_rows(bare: Setup, end: _Sweeps) -> _Sweeps:
-    """Sweeps over all rows with fewer errors of the description, if these leave less noise beyond
-    chance; only where several were kept and rows near turns of passive joints excluded."""
-    if not end.excludes_turns or end.why_not or len(end.parts) < 2:
+    """Sweeps with fewer errors of the description, if these leave less noise in all rows beyond
+    chance (95 %); only where several were kept and rows near turns of passive joints excluded."""
+    if not end.over_all_rows or end.why_not or len(end.parts) < 2:
         return end
-    standing = [other for other in _barred(bare, end.parts, end) if not other.why_not]
-    least = min(standing, key=lambda other: other.last.noise, default=end)
-    over_all_rows = _sweeps(bare, since=end)
-    return least if least.last.noise < over_all_rows.last.noise - _chance(end) else end
+    standing = [other for other in _barred(bare, end.parts) if not other.why_not]
+    noise = {other: other.over_all_rows().noise for other in standing if other.over_all_rows}
+    chance = NORMAL * end.last.shrunk.noise_spread
+    least = min(noise, key=noise.__getitem__, default=end)
+    return least if noise.get(least, np.inf) < end.over_all_rows().noise - chance else end
 
 
 def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
@@ -158,10 +156,10 @@ def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
     return [*(_sweeps(bare, since=end) for end in ends[:1]), *ends]
 
 
-def _barred(bare: Setup, parts: frozenset[str], since: _Sweeps | None = None) -> list[_Sweeps]:
+def _barred(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
     """Sweeps with none or only one of these errors of the description, least noise first."""
     all_but_one = [parts - {name} for name in sorted(parts)] if len(parts) > 1 else []
-    ends = [_sweeps(bare, barred, since) for barred in (parts, *all_but_one) if barred]
+    ends = [_sweeps(bare, barred) for barred in (parts, *all_but_one) if barred]
     return sorted((end for end in ends if not end.is_lost), key=lambda end: end.last.noise)
 
 
@@ -177,7 +175,7 @@ def _sweeps(
     if since is None:
         now, before, p = without, _begun(bare), None
     else:
-        before, p = since.outcome.without(barred), since.last.p
+        before, p = since.outcome, since.last.p
         now = with_readings(without, before, p)
     traces = _traces(now)
     full, sweep = _swept(now, before, traces, p, 0, free), 0
@@ -208,9 +206,13 @@ def _sweeps(
             why = "the robot could not be in poses that it was recorded in"
             break
 
+    def over_all_rows() -> Contest:
+        return _swept(now, after, _traces(now), last.p, sweep, free).reduced()
+
+    excludes = errors.any() and not why
     end = _Sweeps(
         bare, doubted(after, full, last), full, last, plain, (last.p - plain, *dismissed), parts,
-        why, bool(why), bool(errors.any()),
+        why, bool(why), over_all_rows if excludes else None,
     )  # fmt: skip
     return end if why else _judged(bare, end)
 

@@ -1,7 +1,7 @@
 """`Setup`, the value that stages take and return until a fit is posed, and `ContestOutcome`, the
 result of the contest of causes in it."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -65,12 +65,9 @@ class ContestOutcome:
             if unknown.name in self.values
             and np.linalg.norm(self.values[unknown.name]) > unknown.limit
         }
-        return replace(self.without(beyond), doubts=self.doubts | beyond)
-
-    def without(self, names: Collection[str]) -> "ContestOutcome":
-        """The outcome without some effects."""
-        values = {name: value for name, value in self.values.items() if name not in names}
-        return replace(self, kept=tuple(k for k in self.kept if k not in names), values=values)
+        values = {name: value for name, value in self.values.items() if name not in beyond}
+        kept = tuple(name for name in self.kept if name not in beyond)
+        return replace(self, kept=kept, values=values, doubts=self.doubts | beyond)
 
     @property
     def is_refuted(self) -> bool:
