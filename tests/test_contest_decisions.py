@@ -91,7 +91,7 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
         for n in (0.0, noise)
     )
     end = contest_stage._Sweeps(
-        setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False, False
+        setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False, None
     )
     other = replace(end, last=other, why_not=why_not)
     assert contest_stage._is_better(other, end) == stands
@@ -308,7 +308,7 @@ def test_sweeps_are_repeated_without_errors_of_parts_and_from_the_best(
         last = Mock(spec=Contest, noise=left)
         return contest_stage._Sweeps(
             bare, ContestOutcome(robot), last, last, np.zeros(0), (), frozenset(parts), "",
-            is_lost=barred == lost, excludes_turns=False,
+            is_lost=barred == lost, over_all_rows=None,
         )  # fmt: skip
 
     monkeypatch.setattr(contest_stage, "_sweeps", swept)
