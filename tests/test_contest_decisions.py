@@ -292,7 +292,7 @@ def test_what_is_within_parts_stands_in_place_of_what_is_not() -> None:
         ({"length", "zero"}, {"length"}, [-3.0, -2.0, -1.0]),
         ({"length"}, set(), [-2.5, -1.5]),
         ({"length"}, {"length"}, []),
-        (set(), set(), []),
+        (set(), {"length"}, []),
     ],
 )
 def test_sweeps_are_repeated_without_errors_of_parts_and_from_the_best(
