@@ -142,7 +142,7 @@ def test_pseudo_inertia_is_the_matrix_of_moments_of_a_cloud_of_points(seed: int)
     assert RigidBody(p).why_inconsistent == ""
 
 
-def test_inconsistent_bodies_are_told_why() -> None:
+def test_inconsistent_bodies_get_the_reason() -> None:
     good = np.array([1.0, 0, 0, 0, 1, 1, 1, 0, 0, 0])
     assert "mass" in RigidBody(good * np.array([-1] + [1] * 9)).why_inconsistent
     thin, far = [1.0, 0, 0, 0, 1, 1, 2.5, 0, 0, 0], [1.0, 2, 0, 0, 1, 1, 1, 0, 0, 0]

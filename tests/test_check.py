@@ -31,7 +31,9 @@ def test_the_catalogue_is_good(name: str) -> None:
 
 @pytest.mark.parametrize("part", ["", "limbs", "workspace"])
 @pytest.mark.parametrize("name", ["clavel-delta3", "h4-linear"])
-def test_millimetres_are_seen_and_mended_exactly(name: str, part: str, tmp_path: Path) -> None:
+def test_millimetres_are_detected_and_corrected_exactly(
+    name: str, part: str, tmp_path: Path
+) -> None:
     data = as_written(name)
     wrong = written(scaled(data, 1000, part), tmp_path / "robot.yaml")
     verdict = verdict_of(check(wrong), "length-unit")

@@ -103,7 +103,7 @@ def test_validate(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("mistake", ["order", "sign", None])
-def test_torques_that_are_not_the_models_are_told(
+def test_torques_that_are_not_the_models_are_reported(
     mistake: str | None, folder: Path, tmp_path: Path
 ) -> None:
     table = pl.read_csv(folder / "log.csv")
@@ -132,7 +132,7 @@ def test_the_same_recording_twice_is_refused(folder: Path, tmp_path: Path) -> No
         assert "give each recording once" in told
 
 
-def test_verifying_on_what_a_model_was_identified_from_is_told(
+def test_verifying_on_what_a_model_was_identified_from_is_reported(
     folder: Path, tmp_path: Path
 ) -> None:
     copy = write(tmp_path / "copy.csv", (folder / "log.csv").read_text())

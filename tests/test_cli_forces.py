@@ -112,7 +112,7 @@ def test_what_cannot_be_is_refused(folder: Path) -> None:
     assert "--logs" in refused(*command, "--log-columns", missing, folder=folder)
 
 
-def test_what_sensors_showed_is_said_to_be_left_out_of_ranges() -> None:
+def test_what_sensors_showed_is_reported_as_excluded_from_ranges() -> None:
     log, model = identified("plate").log, identified("plate").model_file
     assert "what plate showed" in run("forces", model, log, "--logs", log).err
     assert "what plate showed" not in run("forces", model, log).err

@@ -76,7 +76,7 @@ def test_damaged_times_give_right_segments_or_one_message(kind: str, clavel: Dyn
     assert ends - {"refused"}
 
 
-def test_wild_stamps_are_left_out_and_told(clavel: Dynamics) -> None:
+def test_wild_stamps_are_excluded_and_reported(clavel: Dynamics) -> None:
     """A huge one, a tiny one, one before the recording: the rows about them stay where they are."""
     whole = even(1000.0).frame[:1500]
     stamps = whole["t"].to_numpy().copy()

@@ -74,7 +74,7 @@ def test_doubled_rows_are_counted() -> None:
         assert clock.lost.sum() == sum(rows.holes.values())
 
 
-def test_rows_too_many_are_left_out_however_they_are_stamped() -> None:
+def test_rows_too_many_are_excluded_however_they_are_stamped() -> None:
     """A logger that writes a row again gives it a time of its own."""
     rng = np.random.default_rng(12)
     rows = even(1000.0).losing(1e-3, rng)
@@ -84,7 +84,7 @@ def test_rows_too_many_are_left_out_however_they_are_stamped() -> None:
     assert clock.lost.sum() == sum(rows.holes.values())
 
 
-def test_rows_out_of_order_are_left_out() -> None:
+def test_rows_out_of_order_are_excluded() -> None:
     rows = even(1000.0)
     at = rows.at.copy()
     at[[800, 801]] = at[[801, 800]]
@@ -206,7 +206,7 @@ def test_no_window_holds_rows_of_both_sides_of_a_gap(clavel: Dynamics) -> None:
             start = window.start + len(window.inner.time)
 
 
-def test_stretches_that_are_too_short_are_told(clavel: Dynamics) -> None:
+def test_stretches_that_are_too_short_are_reported(clavel: Dynamics) -> None:
     rows = even(1000.0).gap(2.0, 0.1).gap(2.15, 0.1)
     told = with_filter(opened(rows, clavel), 30.0).log.warnings
     assert "2 gaps of up to 100 ms (2 to 2.1 s, 2.15 to 2.25 s): no filter" in told[0]
@@ -214,7 +214,7 @@ def test_stretches_that_are_too_short_are_told(clavel: Dynamics) -> None:
     assert "and excluded: 0.88 % of the recording; likeliest cause: gaps follow" in told[1]
 
 
-def test_what_was_done_is_told_in_numbers(clavel: Dynamics) -> None:
+def test_what_was_done_is_reported_in_numbers(clavel: Dynamics) -> None:
     rng = np.random.default_rng(13)
     rows = even(1000.0).gap(2.0, 0.1).gap(2.15, 0.1).gap(4.0, 0.004).doubling(7, rng)
     log = opened(rows, clavel)

@@ -127,7 +127,7 @@ def test_rows_near_brakes_do_not_count() -> None:
     assert np.abs(qdd[near & ~counted]).max() > 20 * np.abs(qdd[near & counted]).max()
 
 
-def test_compliances_are_found_and_put_right() -> None:
+def test_compliances_are_detected_and_corrected() -> None:
     dynamics, p, table = wound()
     found = fitted(1.0)
     told = [correction for correction in found.model.corrections if correction.kind == "compliance"]

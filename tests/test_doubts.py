@@ -61,7 +61,7 @@ def test_a_drive_that_friction_pushes_is_of_no_robot() -> None:
     assert "the torque error that is possible without physical consistency" in told
 
 
-def test_torques_of_another_scale_are_told_with_it_and_not_by_what_had_to_grow() -> None:
+def test_torques_of_another_scale_are_reported_with_it_and_not_by_what_had_to_grow() -> None:
     (told,) = warnings_of(lambda tau, _: 30 * tau)
     assert float(re.search(r"torques are ([\d.]+) times", told)[1]) == pytest.approx(30, rel=0.3)
     assert "unit, torque constant or gear" in told

@@ -84,7 +84,7 @@ def test_friction_is_that_of_the_day(drift: RobotDrift, model: IdentifiedModel) 
         assert min(map(abs, curves[drive].friction)) < level < max(map(abs, curves[drive].friction))
 
 
-def test_a_tool_that_nobody_told_is_no_friction(drift: RobotDrift) -> None:
+def test_a_tool_that_nobody_declared_is_no_friction(drift: RobotDrift) -> None:
     assert [tool.day for tool in drift.tools] == [float(TOOL)]
     assert drift.tools[0].mass == pytest.approx(0.12, rel=0.1)
     table = drift_table(drift)

@@ -42,7 +42,7 @@ def _evidence(
 
 
 @pytest.mark.parametrize("span", [70.0, 3650.0])
-def test_where_nothing_is_told_the_alarm_goes_by_the_years_that_passed(span: float) -> None:
+def test_where_nothing_is_reported_the_alarm_goes_by_the_years_that_passed(span: float) -> None:
     """What R exceeds them by is told by recordings; onsets lie a week apart, or there are 60."""
     days, nothing = np.linspace(0.0, span, 40), np.full((1, 40), np.inf)
     found = _evidence(days, np.zeros((1, 40)), nothing, Changes.over(days))

@@ -94,7 +94,7 @@ def test_factors_are_ratios_of_marginal_likelihoods() -> None:
         np.testing.assert_allclose(up / (up + down), by_sign, rtol=1e-9)
 
 
-def test_what_a_drive_is_told_comes_from_the_other_alone() -> None:
+def test_what_a_drive_is_given_comes_from_the_other_alone() -> None:
     """By conditioning normal distributions: b_i = c + d_i, of which only the other's is seen."""
     variance, base, scatter = _problem(2)
     changes = Changes.over(DAYS)

@@ -164,7 +164,7 @@ def test_stribeck_friction_is_left_to_the_choice_of_laws() -> None:
     assert spans_left_out(CLAVEL, recorded(setting, more)) == ()
 
 
-def test_play_in_gears_is_left_out_where_torques_change_their_sign() -> None:
+def test_play_in_gears_is_excluded_where_torques_change_their_sign() -> None:
     setting = replace(moving(IRB, rate=1000.0), duration=12.0)
     gear = setting.truth.tau - setting.plant.friction[1, :4] * np.sign(setting.truth.qd)
     play = np.deg2rad(0.05) * np.tanh(gear / (0.01 * setting.scale))

@@ -67,7 +67,7 @@ def test_it_needs_nothing_but_mathematics(tmp_path: Path) -> None:
 
 @needs_compiler
 @pytest.mark.parametrize("name", ["linear-delta", "par4-linear"])
-def test_failures_are_told_and_change_nothing(name: str, tmp_path: Path) -> None:
+def test_failures_are_reported_and_change_nothing(name: str, tmp_path: Path) -> None:
     library, dof = build(subject(name), tmp_path), subject(name).dynamics.dof
     z, q, *_ = states(subject(name), 1)
     kept = np.full(dof, 7.0)
@@ -84,7 +84,7 @@ def test_failures_are_told_and_change_nothing(name: str, tmp_path: Path) -> None
 
 
 @needs_compiler
-def test_other_working_mode_is_told(tmp_path: Path) -> None:
+def test_other_working_mode_is_reported(tmp_path: Path) -> None:
     """An arm turned to where the platform stays but the elbow points inwards."""
     chosen = subject("clavel-delta3")
     library = build(chosen, tmp_path)

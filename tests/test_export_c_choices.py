@@ -114,7 +114,7 @@ def test_what_a_mechanism_of_ones_own_has_not(precision: Precision) -> None:
     assert chosen.with_load(np.append(1.0, np.zeros(9)), "tool")["tool.m"] > chosen["tool.m"]
 
 
-def test_choices_are_told_where_they_do_not_apply(tmp_path: Path) -> None:
+def test_choices_are_reported_where_they_do_not_apply(tmp_path: Path) -> None:
     for options in ({"single": True}, {"functions": ["regressor"]}):
         with pytest.raises(DeltaidError, match="urdf is none"):
             export("linear-delta", "urdf", tmp_path / "r.urdf", **options)

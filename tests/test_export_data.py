@@ -235,7 +235,7 @@ def test_examples_of_the_documentation(tmp_path: Path, monkeypatch: pytest.Monke
             assert scope["out"]["q1"][-1] != scope["out"]["q1"][0]
 
 
-def test_friction_that_a_target_lacks_is_refused_or_left_out(tmp_path: Path) -> None:
+def test_friction_that_a_target_lacks_is_refused_or_excluded(tmp_path: Path) -> None:
     robot = tmp_path / "robot.yaml"
     law = "drive1: {viscous: 1.5, coulomb: 5.0"
     text = catalogue_text("clavel-delta3")

@@ -199,7 +199,7 @@ def test_springs_and_gravity_are_in_the_file() -> None:
     assert m.opt.gravity == pytest.approx(chosen.robot.gravity)
 
 
-def test_friction_that_mujoco_lacks_is_refused_or_left_out() -> None:
+def test_friction_that_mujoco_lacks_is_refused_or_excluded() -> None:
     chosen = with_friction("drive2", load=0.1)
     with pytest.raises(DeltaidError, match=r"viscous and Coulomb friction only.*load\.drive2"):
         mjcf(chosen)

@@ -171,7 +171,7 @@ def test_roll_pitch_yaw() -> None:
         np.testing.assert_allclose(pin.rpy.rpyToMatrix(*roll_pitch_yaw(R)), R, atol=1e-15)
 
 
-def test_what_urdf_has_no_words_for_is_told() -> None:
+def test_what_urdf_has_no_words_for_is_reported() -> None:
     assert urdf(subject("clavel-delta3")).warnings == ()
     armature, springs = urdf(composed(COMPOSED[0])).warnings
     assert "motors and gears of drive1, drive2, drive3, drive4 are not in the URDF" in armature

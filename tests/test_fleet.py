@@ -79,7 +79,7 @@ def test_a_robot_and_a_period_are_rows_of_one_table(whole: Plant) -> None:
     assert ((table["low"] <= table["value"]) & (table["value"] <= table["high"])).all()
 
 
-def test_what_is_no_recording_is_told_and_stops_nothing(whole: Plant) -> None:
+def test_what_is_no_recording_is_reported_and_stops_nothing(whole: Plant) -> None:
     refused = pl.read_csv(whole.output / "quarantine.csv")
     assert refused.select("what", "robot").rows() == [("recording", "south")]
     assert "south/2026-01-09.parquet" in refused["which"][0]
@@ -354,7 +354,7 @@ def _killed_call(site: Site) -> None:
     call.wait()
 
 
-def test_a_folder_that_workers_do_not_see_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_workers_do_not_see_is_reported(tmp_path: Path) -> None:
     blind = Mock(run=lambda *_, **__: {"tcp://far:1": False, "tcp://near:1": True})
     with pytest.raises(
         DeltaidError, match=r"not visible to 1 of 2 workers.* tcp://far:1(.|\n)*s3://"
@@ -363,7 +363,7 @@ def test_a_folder_that_workers_do_not_see_is_told(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_nobody_at_the_address_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_at_the_address_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("deltaid.fleets.workers._PATIENCE", 1)
     with (
         pytest.raises(DeltaidError, match=r"--scheduler tcp://127.0.0.1:1: no scheduler answers"),

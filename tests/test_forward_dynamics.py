@@ -147,7 +147,7 @@ def test_a_batch_is_its_single_runs() -> None:
     np.testing.assert_allclose(together.z, np.concatenate([a.z for a in alone], axis=1), atol=1e-9)
 
 
-def test_a_robot_that_falls_until_a_limb_is_stretched_is_told() -> None:
+def test_a_robot_that_falls_until_a_limb_is_stretched_is_reported() -> None:
     forward, p = frictionless("clavel-delta3")
     home = forward.kinematics.home[None]
     with pytest.raises(KinematicsError, match=r"stretched after 0\.\d* s"):

@@ -130,7 +130,7 @@ def test_each_drive_gets_its_law_and_the_lag_is_no_part_of_it() -> None:
     assert law.speed == pytest.approx(0.4, rel=0.15)
 
 
-def test_a_plain_recording_gets_no_term_and_nothing_is_told() -> None:
+def test_a_plain_recording_gets_no_term_and_nothing_is_reported() -> None:
     """A temperature that goes its own way changes nothing either."""
     robot, rng = load_robot(ROBOT), np.random.default_rng(0)
     log = recorded(robot, 2)

@@ -132,7 +132,7 @@ def judged(std: float) -> list[Parameter]:
     [((), 0.01, "determined by a push"), ((), 0.06, "hardly shows"),
      ((0, 1), 0.01, "drive3 is taken to be right")],
 )  # fmt: skip
-def test_what_is_told_is_the_whole_gain_with_its_interval(
+def test_what_is_reported_is_the_whole_gain_with_its_interval(
     ratio_drives: tuple[int, ...], std: float, words: str
 ) -> None:
     """c times what is left of it; told by a load where its prior is not most of what is known."""

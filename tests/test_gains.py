@@ -262,7 +262,7 @@ def test_an_addition_is_fitted_in_the_recording_that_has_it_and_judged_like_the_
     assert names == [parameter.representative for parameter in judged_base(plain)]
 
 
-def test_rows_that_are_left_out_by_time_do_not_count_and_no_others_do_less() -> None:
+def test_rows_that_are_excluded_by_time_do_not_count_and_no_others_do_less() -> None:
     dynamics, _ = moving()
     one = recordings()[0]
     spans = (LeftSpan(2.0, 2.5, "contact"), LeftSpan(4.0, 4.1, "spike", (2,)))

@@ -156,7 +156,7 @@ def test_poses_found_by_iteration_are_on_the_branch_of_home() -> None:
     assert_close(single.astype(float), z, 1e-4)
 
 
-def test_arrays_that_are_no_sample_are_told(delta: JaxFunctions) -> None:
+def test_arrays_that_are_no_sample_are_reported(delta: JaxFunctions) -> None:
     """JAX reads an array's last entry beyond its end, and would say nothing."""
     three, four = np.zeros(3), np.zeros(4)
     with pytest.raises(KinematicsError, match=r"argument 1: has shape \(4,\).* shape \(3,\)"):
@@ -189,7 +189,7 @@ def test_every_operation_of_a_kernel() -> None:
 
 
 @pytest.mark.slow
-def test_single_precision_unless_told_otherwise(delta: JaxFunctions) -> None:
+def test_single_precision_unless_stated_otherwise(delta: JaxFunctions) -> None:
     chosen = subject("clavel-delta3")
     z, q, qd, qdd = states(chosen, 1)
     jax.config.update("jax_enable_x64", False)

@@ -153,7 +153,7 @@ def test_entries_used_longest_ago_make_room(folder: Path, monkeypatch) -> None:
     assert (folder / "letter.txt").exists()
 
 
-def test_not_every_one_that_is_saved_has_all_looked_at(folder: Path, monkeypatch) -> None:
+def test_saving_scans_the_folder_only_now_and_then(folder: Path, monkeypatch) -> None:
     monkeypatch.setattr(store, "_LARGEST", 0)
     left = []
     for i in range(300):

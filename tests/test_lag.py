@@ -70,7 +70,7 @@ def test_a_common_lag_is_found_with_an_interval_that_holds_it(late: float) -> No
     assert lag.interval[0] < 0.3e-3
 
 
-def test_lags_of_drives_are_told_apart() -> None:
+def test_lags_of_drives_are_distinguished() -> None:
     late = np.array([2e-3, 2e-3, -1.5e-3])
     lag = searched_lags(frame(late)).each(0)
     np.testing.assert_array_less(np.abs(lag.values - late), 1.5 * lag.interval)

@@ -162,7 +162,7 @@ def late_model() -> IdentifiedModel:
     return identify(robot()[0].robot, recorded(2.3e-3), settings=PLAIN).model
 
 
-def test_a_lag_is_corrected_told_and_kept() -> None:
+def test_a_lag_is_corrected_reported_and_kept() -> None:
     model, (dynamics, p) = late_model(), robot()
     (told,) = [correction for correction in model.corrections if correction.kind == "lag"]
     assert told.subject == ""
@@ -207,7 +207,7 @@ def test_forces_are_judged_with_the_lag_of_the_model() -> None:
     assert wrong.estimate.noise.sigma > 2 * given.estimate.noise.sigma
 
 
-def test_what_was_left_out_is_left_out_of_the_same_recording_again() -> None:
+def test_what_was_excluded_is_excluded_from_the_same_recording_again() -> None:
     push = Event(reason="contact", start=2.0, end=2.1, drives=("drive1", "drive3"))
     model = late_model()
     model = model.changed(sources=(model.sources[0].changed(events=(push,)),))
@@ -244,7 +244,7 @@ def test_what_the_option_takes() -> None:
 
 
 @pytest.mark.parametrize("late", [0.0, 2e-3, -1e-3])
-def test_velocities_that_lag_are_left_out(late: float) -> None:
+def test_velocities_that_lag_are_excluded(late: float) -> None:
     dynamics, _ = robot()
     (one,) = open_recordings(recorded(0.0, velocity=late), dynamics.kinematics)
     found = late_rate(one, dynamics.kinematics)
@@ -263,7 +263,7 @@ def test_velocities_that_lag_are_left_out(late: float) -> None:
     assert told.value == pytest.approx(late, rel=0.01)
 
 
-def test_columns_that_have_been_left_out_are_not_complained_about() -> None:
+def test_columns_that_have_been_excluded_are_not_complained_about() -> None:
     judged = checked(robot()[0].robot, [recorded(0.0, velocity=2e-3)])
     (told,) = (verdict for verdict in judged.verdicts if verdict.key == "velocity")
     assert told.grade is Grade.GOOD

@@ -71,7 +71,7 @@ def friction_widths(one: Identification) -> list[float]:
 
 
 @pytest.mark.parametrize("motion", [3, 4])
-def test_intervals_allow_for_a_lag_that_is_not_told(motion: int) -> None:
+def test_intervals_allow_for_a_lag_that_is_not_detected(motion: int) -> None:
     assert holds(fitted_to(motion, 0))
     assert not holds(fitted_to(motion, 0, "none"))
 

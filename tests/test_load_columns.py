@@ -95,7 +95,7 @@ def test_declarations_that_cannot_be(text: str, fragment: str, tmp_path: Path) -
     assert "deltaid schema columns" in str(error.value)
 
 
-def test_rows_about_a_change_are_left_out(frame: pl.DataFrame) -> None:
+def test_rows_about_a_change_are_excluded(frame: pl.DataFrame) -> None:
     log = opened(frame, column="grip")
     masks = [mask for mask in log.masks if mask.reason == "load changes"]
     assert [(mask.first, mask.last) for mask in masks] == [(994, 1005), (1494, 1505)]
@@ -183,7 +183,7 @@ def test_numbers_of_other_states(frame: pl.DataFrame) -> None:
     )
 
 
-def test_spans_beside_the_recording_are_told(frame: pl.DataFrame) -> None:
+def test_spans_beside_the_recording_are_reported(frame: pl.DataFrame) -> None:
     texts = [str(text) for text in opened(frame, spans=[[100, 200]]).warnings]
     assert any("load load is declared for spans in which nothing was recorded" in t for t in texts)
 

@@ -130,7 +130,7 @@ def test_a_load_is_one_thing_in_all_recordings_that_name_it() -> None:
     assert mass_error(model) < 0.003
 
 
-def test_two_loads_are_told_apart() -> None:
+def test_two_loads_are_distinguished() -> None:
     both = table(5, "cycles").with_columns(late=(pl.col("t") > 6).cast(pl.Float64))
     dynamics, _ = robot()
     more = Load(column="late", name="ghost")
@@ -168,7 +168,7 @@ def test_what_is_known_of_a_load_stays(known: str) -> None:
     assert mass_error(model) < 0.003
 
 
-def test_a_load_that_is_held_all_the_time_is_hardly_told_from_the_tool() -> None:
+def test_a_load_that_is_held_all_the_time_is_hardly_distinguished_from_the_tool() -> None:
     held = ColumnMapping(load=Load(always=True))
     model = identify(robot()[0].robot, table(1, "always"), columns=held, settings=PLAIN).model
     (told,) = [correction for correction in model.corrections if correction.kind == "load"]

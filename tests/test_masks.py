@@ -90,7 +90,7 @@ def test_rest_on_a_coarse_encoder(step, rate, size) -> None:
 
 @pytest.mark.parametrize("slowly", [1.0, 15.0])
 @pytest.mark.parametrize(("bits", "steps"), [(12, 0), (16, 1000), (20, 30)])
-def test_nothing_is_left_out_of_motion(slowly, bits, steps) -> None:
+def test_nothing_is_excluded_from_motion(slowly, bits, steps) -> None:
     """Slow motion and torques in coarse steps are neither rest nor saturation."""
     rng = np.random.default_rng(bits)
     for name in (IRB, "linear-delta"):

@@ -115,7 +115,7 @@ def test_known_bodies_may_be_weighed_with_others() -> None:
         ("{inertia: 80000, axis: y, std: 1}", "wrong", "kg mm²"),
     ],
 )
-def test_measured_values_in_another_unit_are_told(value: str, grade: str, words: str) -> None:
+def test_measured_values_in_another_unit_are_reported(value: str, grade: str, words: str) -> None:
     text = of_body(f"free: [m, mcx, Sxx, Syy, Szz]\n    measured: [{value}]")
     robot = parse(text, RobotDescription, where="robot.yaml")
     (found,) = (verdict for verdict in of_robot(robot) if verdict.key == "measured-scale")

@@ -142,7 +142,7 @@ def with_gain(one: FactorFile, low: float, high: float) -> FactorFile:
     return replace(one, record=one.record.changed(model=model))
 
 
-def test_torque_constants_put_right_in_one_of_several_are_refused(loaded: list[FactorFile]) -> None:
+def test_torque_constants_corrected_in_one_of_several_are_refused(loaded: list[FactorFile]) -> None:
     described, one = robot()[0].robot, with_gain(loaded[0], 1.0, 1.1)
     with pytest.raises(RecordingError, match=r"drive1 was corrected .*and in .* it was not"):
         identify_gathered(described, [one, loaded[1]], PLAIN)

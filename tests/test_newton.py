@@ -87,7 +87,7 @@ def beyond(name: str, n: int) -> tuple[Kinematics, np.ndarray]:
 
 @pytest.mark.parametrize("name", ["h4", "par4"])
 @pytest.mark.parametrize("samples", [101, 1000])
-def test_a_passage_through_a_singularity_is_seen(name: str, samples: int) -> None:
+def test_a_passage_through_a_singularity_is_detected(name: str, samples: int) -> None:
     """The drives' coordinates alone look as if the platform had turned back."""
     kinematics, z = beyond(name, samples)
     at = int(np.argmax(kinematics.condition(z)))
@@ -145,7 +145,7 @@ def written(time: np.ndarray, q: np.ndarray, folder: Path) -> Path:
     return folder / "log.csv"
 
 
-def test_the_first_sample_near_a_singular_pose_is_told_with_its_time(par4, tmp_path):
+def test_the_first_sample_near_a_singular_pose_is_reported_with_its_time(par4, tmp_path):
     time = np.arange(2000) / 1000
     z = np.repeat(par4.home[None], len(time), axis=0)
     z[:, 3] = np.deg2rad(85) * par4.robot.platform.ratio * time / time[-1]
@@ -179,7 +179,7 @@ def test_a_recording_through_a_singularity_is_refused_with_its_time(par4, tmp_pa
     assert abs(told - time[at]) < (0.01 if step < 1e-4 else 0.03)
 
 
-def test_a_passage_is_seen_wherever_the_samples_are_cut(par4):
+def test_a_passage_is_detected_wherever_the_samples_are_cut(par4):
     time, z = way_through(par4, 200)
     solved, good = par4.forward_unchecked(par4.inverse(z))
     assert good.all()

@@ -89,7 +89,7 @@ def values(result, motion) -> dict[str, object]:
 
 
 @pytest.mark.slow
-def test_every_kind_is_looked_at(values: dict[str, object]) -> None:
+def test_every_kind_is_inspected(values: dict[str, object]) -> None:
     seen = {
         f"{kind.__module__.removeprefix('deltaid.')}.{kind.__qualname__}"
         for value in values.values()
@@ -172,7 +172,7 @@ def test_a_notebook_shows_a_card(values: dict[str, object]) -> None:
     assert re.search(r'background:#b42318[^>]*">wrong</span>', wrong)
 
 
-def test_verdicts_are_told_the_worst_first() -> None:
+def test_verdicts_are_reported_the_worst_first() -> None:
     grades = (Grade.DOUBTFUL, Grade.GOOD, Grade.WRONG, Grade.CANNOT_TELL)
     found = deltaid.Verdicts(
         deltaid.Verdict(f"key{k}", grade, "seen", cause="cause", cure="cure")

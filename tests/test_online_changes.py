@@ -141,7 +141,7 @@ def test_taking_and_leaving_a_load_is_no_contact(early: int) -> None:
     assert np.any(late["contact"][250:290])
 
 
-def test_noise_of_speeds_that_nobody_told_is_learnt() -> None:
+def test_noise_of_speeds_that_nobody_stated_is_learnt() -> None:
     """From positions in steps, speeds have noise, and it is no contact."""
     model, _ = robot("clavel-delta3")
     graph = step_graph(model, replace(QUIET, speed="differenced"), more=(contact_of,))

@@ -58,7 +58,7 @@ def test_pushes_are_found_where_and_as_hard_as_they_were(
         np.testing.assert_allclose(found, size, atol=0.2 * float(np.linalg.norm(size)))
 
 
-def test_what_can_be_told(results: tuple[dict[str, Any], Path]) -> None:
+def test_what_is_reported(results: tuple[dict[str, Any], Path]) -> None:
     found = results[0]
     assert 0.5 < found["smallest_force"]["best"] < found["smallest_force"]["worst"] < 30
     assert found["cycles"] == 10_000

@@ -140,7 +140,7 @@ def test_least_force_is_found_in_95_of_100_cases() -> None:
 
 
 @pytest.mark.parametrize("drive", range(3))
-def test_place_does_not_suffer_from_a_load_that_nobody_told(drive: int) -> None:
+def test_place_does_not_suffer_from_a_load_that_nobody_declared(drive: int) -> None:
     kilogram = T.T @ np.array([0.0, 0.0, -9.81])
     for mass in (0.0, 1.5):
         rho = 20.0 * np.eye(4)[drive] + mass * kilogram

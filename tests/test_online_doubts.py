@@ -98,7 +98,7 @@ def test_brakes_are_no_contact() -> None:
     assert [round(touch.start, 1) for touch in found.touches] == [PUSHES[0][0]]
 
 
-def test_velocities_that_are_late_or_noisy_are_left_out() -> None:
+def test_velocities_that_are_late_or_noisy_are_excluded() -> None:
     true, rng = rates(), np.random.default_rng(0)
     fine = opened(changed(true))
     assert fine.has_velocity

@@ -50,7 +50,7 @@ def test_differenced_speeds_have_no_lag() -> None:
     assert np.abs(load[200:, 0] - 1.0).max() < 0.01
 
 
-def test_feed_forward_is_what_drives_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_feed_forward_is_what_drives_receive(monkeypatch: pytest.MonkeyPatch) -> None:
     """With the load and the friction; torques at the joints by the gains."""
     gains, (model, _) = np.array([1.2, 0.8, 1.5, 0.9]), robot("irb360-6-1600")
     known, run = knowledge(model, OnlineSettings()), running(model, 5, slice(0, 0))

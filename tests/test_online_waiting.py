@@ -69,7 +69,7 @@ def test_behind_a_bad_cycle_nothing_of_before_is_left() -> None:
     assert out[8].tolist() == [6.0, 8.0, 7.0, 6.0]
 
 
-def test_lags_are_those_of_the_model_unless_others_are_told() -> None:
+def test_lags_are_those_of_the_model_unless_others_are_stated() -> None:
     lagging = with_delay(picked().model, DELAY)
     assert waits(lagging, OnlineSettings()).motion == pytest.approx(1.4)
     assert waits(lagging, OnlineSettings()).torque == pytest.approx((0, 0, 2.0))

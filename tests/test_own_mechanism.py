@@ -247,7 +247,7 @@ def _file(folder: Path, text: str) -> Path:
         (DELTA.replace('eye(3), z)', 'eye(3), z / 0.0)'), "the origin of body 'plate' is inf"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_a_file_is_told(tmp_path, text, message):
+def test_what_is_wrong_with_a_file_is_reported(tmp_path, text, message):
     robot = own_delta(tmp_path)
 
     def build() -> None:

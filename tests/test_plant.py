@@ -160,7 +160,7 @@ def test_a_motor_sticks_below_its_friction(robot: Model) -> None:
     assert speeds[0] == pytest.approx([0.0, 1e-4 * loss / ROTOR, -1e-4 * loss / ROTOR], abs=1e-12)
 
 
-def test_gears_that_cannot_wind_up_are_told() -> None:
+def test_gears_that_cannot_wind_up_are_reported() -> None:
     model = load("clavel-delta3")
     with pytest.raises(DescriptionError, match="how stiff the gear of drive1"):
         Plant(model, elastic=True)

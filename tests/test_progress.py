@@ -118,7 +118,7 @@ def test_false_is_silent_in_a_notebook(notebook: Display) -> None:
     assert not notebook.shown
 
 
-def test_a_function_is_told_every_stage(notebook: Display) -> None:
+def test_a_function_receives_every_stage(notebook: Display) -> None:
     told = list[str]()
     deltaid.sensor_plan(NAME, recorded(1200), progress=told.append)
     assert told[0] == "looking at the motion"

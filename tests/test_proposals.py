@@ -59,7 +59,7 @@ def test_a_zero_that_is_off_is_proposed() -> None:
     np.testing.assert_allclose(float(str(value)), 0.02, atol=2e-3)
 
 
-def test_a_base_far_out_of_level_is_looked_at_and_not_written() -> None:
+def test_a_base_far_out_of_level_is_inspected_and_not_written() -> None:
     found = identified(LOG)
     tilted = {"gravity": (0.0, 9.81 * np.sin(0.15), -9.81 * np.cos(0.15))}
     frame = simulated(found.robot.changed(**tilted), found.p, seed=3)

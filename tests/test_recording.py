@@ -199,7 +199,7 @@ def test_recut(size: int, overlap: int) -> None:
 
 
 @pytest.mark.parametrize("at", [1, 280])
-def test_rows_of_data_behind_a_comment_mark_are_told(
+def test_rows_of_data_behind_a_comment_mark_are_reported(
     tmp_path: Path, clavel: Dynamics, at: int
 ) -> None:
     """At the ends of a recording, where no gap shows that they are missing."""

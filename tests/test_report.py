@@ -87,7 +87,7 @@ def test_sections(result: Identification) -> None:
     assert sum(isinstance(b, Figure) for b in page.front) == 1
 
 
-def test_what_was_put_right_stands_first(result: Identification) -> None:
+def test_what_was_corrected_stands_first(result: Identification) -> None:
     assert not correction_section(result.model).blocks
     alike = [
         Correction(

@@ -239,7 +239,7 @@ def test_folder_that_cannot_be_made_is_refused(tmp_path: Path, example: str) -> 
 @pytest.mark.parametrize(
     ("example", "names"), [("surrogate", SURROGATE_FILES), ("irb360", IRB360_FILES)]
 )
-def test_a_file_that_cannot_be_written_is_told_before_any_work(
+def test_a_file_that_cannot_be_written_is_reported_before_any_work(
     tmp_path: Path, example: str, names: Sequence[str]
 ) -> None:
     for name in names:

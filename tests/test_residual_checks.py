@@ -66,7 +66,7 @@ def test_a_clean_recording_points_at_nothing() -> None:
     assert grades == dict.fromkeys(("torque-lag", "resonance", "residual"), Grade.GOOD)
 
 
-def test_a_lag_is_told_in_milliseconds_and_with_what_it_does() -> None:
+def test_a_lag_is_reported_in_milliseconds_and_with_what_it_does() -> None:
     lag = only("torque-lag", late=3e-3)
     assert lag.number == pytest.approx(3.0, abs=0.2)
     assert "late" in lag.seen
@@ -87,7 +87,7 @@ def test_a_lag_that_is_not_corrected_says_why_and_what_it_costs(hidden: bool, wh
     assert re.search(cost + why, lag.seen), lag.seen
 
 
-def test_friction_of_another_law_is_told_by_its_joint() -> None:
+def test_friction_of_another_law_is_reported_by_its_joint() -> None:
     def stribeck(t, q, qd, tau) -> np.ndarray:
         knee = 0.1 * np.abs(qd).max(axis=0)
         return [0.0, 4.0, 0.0] * np.sign(qd) * np.exp(-np.abs(qd) / knee)
@@ -114,7 +114,7 @@ def test_friction_that_falls_while_the_robot_warms_up_is_drift() -> None:
     assert "warm" in verdict.cause
 
 
-def test_a_load_is_told_by_its_mass_and_times() -> None:
+def test_a_load_is_reported_by_its_mass_and_times() -> None:
     change = only("load-change", lambda t, q, qd, tau: load(0.4) * ((t > 3.0) & (t < 7.0))[:, None])
     assert change.number == pytest.approx(0.4, rel=0.05)
     told = change.seen.split(" at ")[1].removesuffix(" s").split(", ")
@@ -169,7 +169,7 @@ def test_a_lag_that_does_nothing_is_left_unsaid() -> None:
     assert "too little to bias an inertia" in lag.seen
 
 
-def test_something_that_rings_is_told_by_its_frequency() -> None:
+def test_something_that_rings_is_reported_by_its_frequency() -> None:
     def ringing(t, q, qd, tau) -> np.ndarray:
         rng = np.random.default_rng(0)
         phase = np.cumsum(rng.standard_normal(len(t))) * 0.1
@@ -181,7 +181,7 @@ def test_something_that_rings_is_told_by_its_frequency() -> None:
     assert verdict.subject == "drive2"
 
 
-def test_what_follows_nothing_is_told_as_such() -> None:
+def test_what_follows_nothing_is_reported_as_such() -> None:
     def knocks(t, q, qd, tau) -> np.ndarray:
         rng = np.random.default_rng(4)
         places = rng.uniform(1, 11, 25)

@@ -101,7 +101,7 @@ def test_messages_without_torques_are_no_logger_that_falls_behind(tmp_path: Path
     assert any(lacks in warning for warning in found.surveyed.log.warnings)
 
 
-def test_a_second_publisher_without_torques_is_left_out(tmp_path: Path) -> None:
+def test_a_second_publisher_without_torques_is_excluded(tmp_path: Path) -> None:
     """As joint_state_publisher does: zeros for positions, and nothing else."""
     second = [
         replace(

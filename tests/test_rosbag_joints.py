@@ -136,7 +136,7 @@ BAD_MESSAGES: dict[str, tuple[Callable[[bytes], bytes], str]] = {
 
 
 @pytest.mark.parametrize(("change", "said"), BAD_MESSAGES.values(), ids=BAD_MESSAGES)
-def test_a_damaged_message_is_told(change: Callable[[bytes], bytes], said: str) -> None:
+def test_a_damaged_message_is_reported(change: Callable[[bytes], bytes], said: str) -> None:
     raws = [message.raw() for message in MESSAGES[:9]]
     raws[7] = change(raws[7])
     with pytest.raises(MessageError, match=said) as caught:
@@ -144,7 +144,7 @@ def test_a_damaged_message_is_told(change: Callable[[bytes], bytes], said: str) 
     assert caught.value.index == 7
 
 
-def test_a_damaged_message_is_told_with_its_place(tmp_path: Path) -> None:
+def test_a_damaged_message_is_reported_with_its_place(tmp_path: Path) -> None:
     path = KINDS["sqlite-oldest"](tmp_path, MESSAGES)
     with sqlite3.connect(path) as base:
         base.execute("UPDATE messages SET data = x'00010000' WHERE id = 205")

@@ -139,7 +139,7 @@ QUICK = ("kN", "sign of fz", "moments first", "x and y exchanged", "tilted", "or
 @pytest.mark.parametrize(
     "name", [pytest.param(x, marks=() if x in QUICK else pytest.mark.slow) for x in FAULTS]
 )
-def test_a_fault_is_told_and_what_is_proposed_mends_it(name: str) -> None:
+def test_a_fault_is_reported_and_what_is_proposed_corrects_it(name: str) -> None:
     dynamics, frame, verdicts = recorded()[0], fault(name), poor(verdicts_on(name))
     assert [(verdict.key, verdict.subject) for verdict in verdicts] == [(FAULTS[name], "plate")]
     assert verdicts[0].grade is (Grade.DOUBTFUL if name == "late" else Grade.WRONG)
@@ -163,7 +163,7 @@ def test_what_was_found_is_what_was_made() -> None:
     assert proposed("late", "delay") == pytest.approx(1e-3 * LATE, abs=6e-4)
 
 
-def test_gauges_are_told_apart() -> None:
+def test_gauges_are_distinguished() -> None:
     dynamics = recorded()[0]
     unit, sign = poor(judged(dynamics, fault("gauge in kgf")))
     assert (unit.key, unit.subject) == ("sensor-unit", "gauge1")

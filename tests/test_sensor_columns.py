@@ -135,7 +135,7 @@ def test_each_recording_has_a_mapping_of_its_own() -> None:
     assert [sensor.name for sensor in second.log.columns.sensors] == ["gauge1"]
 
 
-def test_numbers_that_are_missing_do_not_count_and_are_told(tmp_path: Path) -> None:
+def test_numbers_that_are_missing_do_not_count_and_are_reported(tmp_path: Path) -> None:
     frame = table()
     holes = {600: "", 601: "nan", 602: "OVL", 603: "inf", 604: "1e38"}
     texts = [holes.get(i, repr(x)) for i, x in enumerate(frame["plate.my"].to_list())]
@@ -265,7 +265,7 @@ def test_a_late_sensor_is_put_beside_the_motion(late: float) -> None:
     np.testing.assert_allclose(again["plate"], found["plate"])
 
 
-def test_stretches_left_out_for_all_drives_do_not_count() -> None:
+def test_stretches_excluded_for_all_drives_do_not_count() -> None:
     spans = (LeftSpan(0.5, 0.52, "contact"), LeftSpan(0.8, 0.82, "torque spike", drives=(1,)))
     recording = replace(opened(table()), repairs=Repairs(left_out=spans))
     time, found = shown(recording)

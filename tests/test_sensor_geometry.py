@@ -169,7 +169,7 @@ def test_one_channel_has_a_bias_and_a_gain() -> None:
         np.testing.assert_array_equal(D, np.column_stack([np.ones(4), shown]))
 
 
-def test_a_gain_is_told_without_bias_about_what_a_fit_expects() -> None:
+def test_a_gain_is_reported_without_bias_about_what_a_fit_expects() -> None:
     """As measured, y and the gain's column share their noise, and the gain runs off towards one."""
     dynamics = Dynamics(load_robot("clavel-delta3"))
     p, scale = (

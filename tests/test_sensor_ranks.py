@@ -152,7 +152,7 @@ def test_only_a_cut_at_a_joint_parts_what_it_joins(name: str, bias: float | None
     assert rank_measured("middle") == before
 
 
-def test_what_no_proposal_explains_is_told_by_its_entries() -> None:
+def test_what_no_proposal_explains_is_reported_by_its_entries() -> None:
     layout = parameter_layout(load_robot("clavel-delta3"))
     names, rng = layout.names, np.random.default_rng(0)
     at = [names.index(name) for name in ("U.m", "S.mcx", "P.Izz")]
@@ -167,7 +167,7 @@ def test_what_no_proposal_explains_is_told_by_its_entries() -> None:
     assert len(null.invisible) == len(names) - 3
 
 
-def test_what_is_left_beside_named_directions_is_told_sparsely() -> None:
+def test_what_is_left_beside_named_directions_is_reported_sparsely() -> None:
     layout = parameter_layout(load_robot("clavel-delta3"))
     rng = np.random.default_rng(1)
     rows = np.zeros((40, len(layout.names)))
@@ -189,7 +189,7 @@ def test_a_point_mass_is_a_body() -> None:
     assert np.allclose(M, 2.0 * np.outer([*r, 1.0], [*r, 1.0]))
 
 
-def test_a_whole_null_space_holds_what_is_not_seen_at_all() -> None:
+def test_a_whole_null_space_holds_what_is_not_identifiable_at_all() -> None:
     layout = parameter_layout(load_robot("clavel-delta3"))
     rows = np.zeros((5, len(layout.names)))
     rows[:, 3:5] = np.random.default_rng(0).standard_normal((5, 2))

@@ -176,7 +176,7 @@ def test_torques_of_a_robot_that_stands_still_are_no_noise_of_channels() -> None
     assert {v.key for v in verdicts if v.grade in (Grade.DOUBTFUL, Grade.WRONG)} == {"standing"}
 
 
-def test_a_torque_in_coarse_steps_is_told_by_its_step() -> None:
+def test_a_torque_in_coarse_steps_is_reported_by_its_step() -> None:
     step = 0.3 * np.std(column("tau2"))
     said_of = said(frame().with_columns((pl.col("tau2") / step).round() * step))
     (verdict,) = said_of["torque-step"]
@@ -247,7 +247,7 @@ def controlled(bits: int, bandwidth: float) -> tuple[Evidence, np.ndarray]:
     return evidence(robot, log, settings=Settings(lag="none", friction="described")), run.q
 
 
-def test_drives_that_noise_shakes_are_told() -> None:
+def test_drives_that_noise_shakes_are_reported() -> None:
     (verdict,) = checked_feedback(controlled(13, 30.0)[0])
     assert verdict.key == "closed-loop"
     assert verdict.grade in (Grade.DOUBTFUL, Grade.WRONG)
@@ -255,7 +255,7 @@ def test_drives_that_noise_shakes_are_told() -> None:
     assert "encoder" in verdict.seen
 
 
-def test_the_shake_is_as_large_as_it_is_told() -> None:
+def test_the_shake_is_as_large_as_it_is_reported() -> None:
     seen, q = controlled(13, 30.0)
     shake = encoder_feedback(seen.rows, seen.surveyed, seen.fitted, seen.study)
     assert shake is not None

@@ -184,7 +184,7 @@ def test_numbers_that_are_no_floats_have_a_rest() -> None:
     assert judged(A - 0.1, 1.0, 1.0) == []
 
 
-def test_only_outputs_that_count_are_looked_at() -> None:
+def test_only_outputs_that_count_are_inspected() -> None:
     both = ca.vertcat(A**2 - B**2, A * B)
     assert judged(both, 1.0, 0.999, OutputPart(1, None), OutputPart(1)) == []
     # Beside a large entry a small one may be off.

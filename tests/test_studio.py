@@ -69,7 +69,7 @@ def test_a_file_that_has_changed_meanwhile_is_not_overwritten(folder: Folder) ->
     assert folder.text("a.yaml") == "one: 2\n"
 
 
-def test_kinds_of_files_are_told_apart(folder: Folder) -> None:
+def test_kinds_of_files_are_distinguished(folder: Folder) -> None:
     folder.write("robot.yaml", catalogue_text("clavel-delta3"))
     folder.write("mapping.yaml", "position: {column: q, unit: deg}\n")
     folder.write("studio.yaml", "robot: h4\n")

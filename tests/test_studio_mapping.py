@@ -66,7 +66,7 @@ def test_numbers_of_another_count_of_drives_are_not_guessed() -> None:
     assert len(proposed_mapping(columns("q#", drives=4), TURNING).data["position"]) == 3
 
 
-def test_degrees_are_told_by_their_size_and_the_reason_says_so() -> None:
+def test_degrees_are_recognised_by_their_size_and_the_reason_says_so() -> None:
     found = proposed_mapping(columns("pos#", "vel#", "torque#", low=-50.0, high=60.0), TURNING)
     assert found.data["position"][0]["unit"] == "deg"
     assert found.data["velocity"][0]["unit"] == "deg/s"  # as positions are

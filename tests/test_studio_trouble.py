@@ -213,7 +213,7 @@ def test_no_tick_before_a_mapping_is_complete(session: Session) -> None:
         ("noise.parquet", b"PAR0" * 40, "no Parquet file"),
     ],
 )
-def test_what_is_no_recording_is_told_at_once(
+def test_what_is_no_recording_is_reported_at_once(
     tmp_path: Path, name: str, data: bytes, said: str
 ) -> None:
     (tmp_path / name).write_bytes(data)

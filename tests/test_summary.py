@@ -98,7 +98,7 @@ def test_without_an_unseen_motion_it_is_never_good(
     assert summary(bad).grade is Trust.POOR
 
 
-def test_doubts_are_told_by_cause_and_lower_the_grade(
+def test_doubts_are_reported_by_cause_and_lower_the_grade(
     model: IdentifiedModel, error: TorqueError
 ) -> None:
     texts = tuple(f"thing {k} is odd; likeliest cause: that; do this" for k in range(5))

@@ -69,7 +69,7 @@ def test_between_the_constants_that_are_tried_the_lag_is_near() -> None:
     assert abs(found[0] - lag) < 2 * found[1]
 
 
-def test_a_filter_in_noise_is_as_uncertain_as_it_can_be_told() -> None:
+def test_a_filter_in_noise_has_the_least_possible_uncertainty() -> None:
     """By likelihoods of all lags and constants that are tried, whose noise is what the best one
     leaves."""
     lag = 1e-3 + CONSTANTS[4] * PERIOD
@@ -171,7 +171,7 @@ def test_what_samples_next_to_a_step_miss_is_a_share_of_it() -> None:
         assert (misfit(one, of_drive, 0.0) > 0) == is_beyond
 
 
-def test_a_step_is_told_from_a_slope_over_many_samples() -> None:
+def test_a_step_is_distinguished_from_a_slope_over_many_samples() -> None:
     rng = np.random.default_rng(10)
     abrupt = steps(rng, 0.0, 0.0, noise=0.01)
     ramp = np.clip(abrupt.after / (14 * PERIOD), -0.5, 0.5)

@@ -86,7 +86,7 @@ class Overheard:
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
-def test_a_law_is_told_the_late_error_and_the_motion_in_the_middle_of_its_hold(delay: int) -> None:
+def test_a_law_receives_the_late_error_and_the_motion_in_the_middle_of_its_hold(delay: int) -> None:
     robot = load_robot(ROBOT)
     p, trajectory = prior_parameters(robot), motion(compiled_as(ForwardDynamics, robot), 0.1)
     drives = Drives(rate=400.0, encoder_step=0.0, delay=delay, velocity_cutoff=0.1)

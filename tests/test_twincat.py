@@ -186,18 +186,20 @@ BAD = {
 
 
 @pytest.mark.parametrize(("text", "said"), BAD.values(), ids=BAD)
-def test_what_cannot_be_read_is_told_with_its_place(text: str, said: str, tmp_path: Path) -> None:
+def test_what_cannot_be_read_is_reported_with_its_place(
+    text: str, said: str, tmp_path: Path
+) -> None:
     message = refused(tmp_path, text, ["t", *NAMES])
     assert said in message
     assert "scope.csv" in message
     assert "→" in message
 
 
-def test_an_unknown_channel_is_told(tmp_path: Path) -> None:
+def test_an_unknown_channel_is_reported(tmp_path: Path) -> None:
     assert "has no column q4" in refused(tmp_path, scope(CURVES), ["t", "q4"])
 
 
-def test_an_open_end_is_told(tmp_path: Path) -> None:
+def test_an_open_end_is_reported(tmp_path: Path) -> None:
     table = opened(tmp_path, scope(CURVES, end="").rstrip("\n"))
     assert np.array_equal(read(table, ["t", *NAMES]), ALL)
     assert "no line break" in table.doubts[0]

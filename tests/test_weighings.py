@@ -100,7 +100,7 @@ def test_weighed_bodies_are_known_as_well_as_they_were_weighed() -> None:
 @pytest.mark.parametrize(
     ("body", "off"), [("S", 0.03), pytest.param("P", 0.2, marks=pytest.mark.slow)]
 )
-def test_a_weighing_that_the_recording_contradicts_is_told(body: str, off: float) -> None:
+def test_a_weighing_that_the_recording_contradicts_is_reported(body: str, off: float) -> None:
     of, rng = sensed("clavel-delta3", "strut and platform weighed", 0.2), np.random.default_rng(4)
     p = of.reduction.p_reg
     log = recorded("clavel-delta3", of, p, rng)
@@ -125,7 +125,7 @@ def test_a_weighing_that_the_recording_contradicts_is_told(body: str, off: float
     )
 
 
-def test_a_weighing_that_only_consistency_contradicts_is_told() -> None:
+def test_a_weighing_that_only_consistency_contradicts_is_reported() -> None:
     of, rng = sensed("clavel-delta3", "platform weighed", 0.5), np.random.default_rng(8)
     p = of.reduction.p_reg
     log, (row,) = recorded("clavel-delta3", of, p, rng), weighings(of.robot)

@@ -193,7 +193,7 @@ def test_a_drive_at_rest_tells_neither_sign_nor_order() -> None:
     assert not bad(checked_wiring(evidence_of(name, columns)))
 
 
-def test_standing_still_is_left_out() -> None:
+def test_standing_still_is_excluded() -> None:
     columns = recorded("clavel-delta3")
     rest = np.repeat([[0.0, 0.0, 0.0]], 500, axis=0)
     still = {k: np.vstack([x, rest + x[-1]]) for k, x in columns.items() if k != "t"}

@@ -96,13 +96,13 @@ def test_a_base_out_of_level() -> None:
     assert np.linalg.norm(dict(proposal.changes)["gravity"]) == pytest.approx(9.81, rel=2e-5)
 
 
-def test_where_it_may_be_either_both_are_told() -> None:
+def test_where_it_may_be_either_both_are_reported() -> None:
     found = verdict(zero=False, either=True)
     zero = "a zero of drive2 that is 30 ± 2 mrad off (or one of drive3"
     assert "a base out of level by 10 ± 4 mrad, or " + zero in found.cause
 
 
-def test_of_right_zeros_the_tilt_that_may_be_is_told() -> None:
+def test_of_right_zeros_the_tilt_that_may_be_is_reported() -> None:
     found = _good(scores())
     assert found.seen.endswith("a tilt of 10 ± 4 mrad")
     assert found.number == pytest.approx(10.0)
@@ -145,7 +145,7 @@ def test_tilt() -> None:
     assert gravity == pytest.approx([0, 9.81 * 0.03, -9.81], abs=0.05)
 
 
-def test_zeros_are_looked_at_again_beside_what_a_fit_has_put_right() -> None:
+def test_zeros_are_inspected_again_beside_what_a_fit_has_corrected() -> None:
     name, columns = "linear-delta", recorded("linear-delta")
     pushed = columns | {"tau": columns["tau"] + [5.0, -5.0, 0.0]}  # like a base out of level
     (verdict,) = bad(checked_wiring(evidence_of(name, pushed)))
