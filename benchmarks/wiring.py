@@ -19,7 +19,7 @@ from _table import STATED, leave
 from _timing import options
 
 from deltaid.checks.evidence import evidence
-from deltaid.checks.verdicts import changes, mended
+from deltaid.checks.verdicts import changes, with_changes
 from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade, Verdict
@@ -136,7 +136,7 @@ def judged(
     seconds, proposed = time.process_time() - start, changes(found, "mapping")
     restored = False
     if proposed:
-        data = mended(record.written_mapping, proposed)
+        data = with_changes(record.written_mapping, proposed)
         rows = evidence(robot, record.source, ColumnMapping.model_validate(data)).rows
         # Limbs that are alike have no names where all columns moved together.
         orders = permutations(range(len(robot.drives))) if fault.hidden else [range(len(true[0].T))]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import deltaid
-from deltaid.checks.verdicts import as_written, mended
+from deltaid.checks.verdicts import as_written, with_changes
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.verdict import Verdict
@@ -51,9 +51,9 @@ def written(data: Data, path: Path) -> Path:
     return path
 
 
-def mended_file(folder: Path, changes: dict[str, Any]) -> Path:
+def changed_file(folder: Path, changes: dict[str, Any]) -> Path:
     """Clavel's robot with some values changed, in a file."""
-    return written(mended(as_written("clavel-delta3"), changes), folder / "robot.yaml")
+    return written(with_changes(as_written("clavel-delta3"), changes), folder / "robot.yaml")
 
 
 def verdict_of(found: tuple[Verdict, ...], key: str) -> Verdict:

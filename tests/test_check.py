@@ -7,13 +7,13 @@ import polars as pl
 import pytest
 
 import deltaid
-from checked import Data, mended_file, moved, scaled, verdict_of, written
+from checked import Data, changed_file, moved, scaled, verdict_of, written
 from deltaid.checks.check import check, of_robot
 from deltaid.checks.description import checked_lengths
 from deltaid.checks.evidence import evidence
 from deltaid.checks.identify import _refuse
 from deltaid.checks.information import checked_information
-from deltaid.checks.verdicts import as_written, changes, mended
+from deltaid.checks.verdicts import as_written, changes, with_changes
 from deltaid.errors import DescriptionError
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
@@ -39,7 +39,7 @@ def test_millimetres_are_detected_and_corrected_exactly(
     verdict = verdict_of(check(wrong), "length-unit")
     assert verdict.grade is Grade.WRONG
     assert "metres" in verdict.cause
-    again = mended(as_written(wrong), changes([verdict], "robot"))
+    again = with_changes(as_written(wrong), changes([verdict], "robot"))
     assert described_in(yaml_text(again), "mended") == load_robot(name)
 
 
@@ -47,11 +47,11 @@ def test_millimetres_are_detected_and_corrected_exactly(
 @pytest.mark.parametrize("key", ["bodies", "limbs", "drive_limits", "workspace"])
 def test_what_describes_no_robot_is_refused(tmp_path: Path, key: str, value: object) -> None:
     with pytest.raises(DescriptionError):
-        check(mended_file(tmp_path, {key: value}))
+        check(changed_file(tmp_path, {key: value}))
 
 
 def test_one_length_in_millimetres(tmp_path: Path) -> None:
-    found = check(mended_file(tmp_path, {"limbs.platform_radius": 125}))
+    found = check(changed_file(tmp_path, {"limbs.platform_radius": 125}))
     (proposal,) = verdict_of(found, "length-unit").proposals
     assert proposal.changes == (("limbs.platform_radius", 0.125),)
 
@@ -60,7 +60,7 @@ def test_one_length_in_millimetres(tmp_path: Path) -> None:
 def test_gravity_in_g_is_named_with_the_line_that_corrects_it(
     given: list[float], meant: float | None, tmp_path: Path
 ) -> None:
-    verdicts = [v for v in check(mended_file(tmp_path, {"gravity": given})) if v.key == "gravity"]
+    verdicts = [v for v in check(changed_file(tmp_path, {"gravity": given})) if v.key == "gravity"]
     proposed = [proposal.changes for verdict in verdicts for proposal in verdict.proposals]
     assert proposed == ([(("gravity", [0.0, 0.0, meant]),)] if meant else [])
 
@@ -87,7 +87,7 @@ def test_a_robot_a_thousand_times_too_small() -> None:
     ],
 )  # fmt: skip
 def test_priors_out_of_scale(changes: Data, right: Data, tmp_path: Path) -> None:
-    found = check(mended_file(tmp_path, changes))
+    found = check(changed_file(tmp_path, changes))
     verdict = verdict_of(found, "prior-scale")
     assert verdict.grade in (Grade.WRONG, Grade.DOUBTFUL)
     assert dict(verdict.proposals[0].changes) == right
@@ -108,14 +108,14 @@ def test_numbers_of_a_body_out_of_scale(
         "first_moment": [0.11 * c, 0.0, 0.0],
         "inertia": {"xx": 1e-5 * i, "yy": 0.08 * i, "zz": 0.08 * i},
     }
-    verdict = verdict_of(check(mended_file(tmp_path, {"bodies.S.prior": prior})), "prior-scale")
+    verdict = verdict_of(check(changed_file(tmp_path, {"bodies.S.prior": prior})), "prior-scale")
     assert verdict.grade is (Grade.DOUBTFUL if word == "kg" else Grade.WRONG)
     assert verdict.subject == "S"
     assert word in verdict.seen
 
 
 def test_missing_friction_is_proposed_from_a_drive_alike(tmp_path: Path) -> None:
-    verdict = verdict_of(check(mended_file(tmp_path, {"friction.drive2": None})), "friction")
+    verdict = verdict_of(check(changed_file(tmp_path, {"friction.drive2": None})), "friction")
     assert (verdict.grade, verdict.subject) == (Grade.DOUBTFUL, "drive2")
     assert dict(verdict.proposals[0].changes) == {
         "friction.drive2.viscous": 1.5,
@@ -125,7 +125,7 @@ def test_missing_friction_is_proposed_from_a_drive_alike(tmp_path: Path) -> None
 
 def test_missing_limits_say_which_defaults_act(tmp_path: Path) -> None:
     gone = {"platform_speed": None, "platform_acceleration": None, "drive_limits.drive1": None}
-    verdict = verdict_of(check(mended_file(tmp_path, gone)), "limits")
+    verdict = verdict_of(check(changed_file(tmp_path, gone)), "limits")
     assert verdict.grade is Grade.DOUBTFUL
     assert "5 m/s" in verdict.seen
     assert "50 m/s²" in verdict.seen
@@ -134,7 +134,7 @@ def test_missing_limits_say_which_defaults_act(tmp_path: Path) -> None:
 
 def test_a_workspace_that_limits_cut(tmp_path: Path) -> None:
     ranges = {f"drive_limits.drive{i}.angle_deg": [-10, 30] for i in (1, 2, 3)}
-    verdict = verdict_of(check(mended_file(tmp_path, ranges)), "workspace")
+    verdict = verdict_of(check(changed_file(tmp_path, ranges)), "workspace")
     assert verdict.grade is Grade.DOUBTFUL
     assert "drive angle" in verdict.seen
     assert 0.2 < verdict.number < 0.95
@@ -143,7 +143,7 @@ def test_a_workspace_that_limits_cut(tmp_path: Path) -> None:
 
 def test_a_torque_limit_below_gravity(tmp_path: Path) -> None:
     low = {f"drive_limits.drive{i}.torque": 2.0 for i in (1, 2, 3)}
-    verdict = verdict_of(check(mended_file(tmp_path, low)), "torque-limit")
+    verdict = verdict_of(check(changed_file(tmp_path, low)), "torque-limit")
     assert verdict.grade is Grade.WRONG
     assert verdict.number == pytest.approx(9.15 / 2.0, rel=0.02)
 
@@ -208,7 +208,7 @@ def test_a_recording_that_is_too_short_has_no_other_fault(rows: int) -> None:
 
 
 def test_identify_refuses_what_is_wrong_in_the_words_of_the_check(tmp_path: Path) -> None:
-    robot = mended_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0})
+    robot = changed_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0})
     words = verdict_of(check(robot), "prior-scale")
     log = moved("clavel-delta3")
     with pytest.raises(deltaid.DeltaidError) as error:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import deltaid
-from checked import mended_file, moved, scaled, written
+from checked import changed_file, moved, scaled, written
 from command import run
 from deltaid.checks.evidence import evidence
-from deltaid.checks.verdicts import KEYS, as_written, mended
+from deltaid.checks.verdicts import KEYS, as_written, with_changes
 from deltaid.dynamics.dynamics import compiled
 from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.recording.opening import open_log
@@ -23,7 +23,7 @@ from sessions import ROOT
 def test_exit_codes(tmp_path: Path) -> None:
     assert run("check", "clavel-delta3").code == 0
     data = as_written("clavel-delta3")
-    doubtful = written(mended(data, {"friction.drive1": None}), tmp_path / "doubtful.yaml")
+    doubtful = written(with_changes(data, {"friction.drive1": None}), tmp_path / "doubtful.yaml")
     assert run("check", doubtful).code == 3
     wrong = written(scaled(data, 1000), tmp_path / "wrong.yaml")
     assert run("check", wrong).code == 4
@@ -34,7 +34,7 @@ def test_exit_codes(tmp_path: Path) -> None:
 
 
 def test_what_is_written_loads_and_is_better(tmp_path: Path) -> None:
-    data = scaled(mended(as_written("clavel-delta3"), {"friction.drive1": None}), 1000)
+    data = scaled(with_changes(as_written("clavel-delta3"), {"friction.drive1": None}), 1000)
     robot = written(data, tmp_path / "robot.yaml")
     first, second = tmp_path / "first.yaml", tmp_path / "second.yaml"
     outcome = run("check", robot, "--write", first)
@@ -53,7 +53,7 @@ def test_nothing_proposed_is_said(tmp_path: Path) -> None:
 
 
 def test_json_has_all_fields(tmp_path: Path) -> None:
-    outcome = run("check", mended_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0}), "--json")
+    outcome = run("check", changed_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0}), "--json")
     value = json.loads(outcome.out)
     assert (value["robot"], value["grade"]) == ("clavel-delta3", "wrong")
     verdict = next(entry for entry in value["verdicts"] if entry["key"] == "prior-scale")
@@ -65,7 +65,7 @@ def test_json_has_all_fields(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("width", [80, 200])
 def test_lines_to_paste_are_yaml_of_the_whole_list(width: int, tmp_path: Path) -> None:
-    outcome = run("check", mended_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0}), width=width)
+    outcome = run("check", changed_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0}), width=width)
     lines = outcome.out.split("into the robot file:\n")[1]
     from ruamel.yaml import YAML
 
@@ -78,7 +78,7 @@ def test_lines_to_paste_are_yaml_of_the_whole_list(width: int, tmp_path: Path) -
 
 def test_report_holds_verdicts_and_lines(tmp_path: Path) -> None:
     path = tmp_path / "check.html"
-    run("check", mended_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0}), "--report", path)
+    run("check", changed_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0}), "--report", path)
     page = path.read_text(encoding="utf-8")
     assert "a mass in grams" in page
     assert "<pre" in page
@@ -87,7 +87,7 @@ def test_report_holds_verdicts_and_lines(tmp_path: Path) -> None:
 
 def test_the_page_of_a_description_that_cannot_be_read_has_no_drawing(tmp_path: Path) -> None:
     path = tmp_path / "check.html"
-    robot = mended_file(tmp_path, {"limbs.strut": 800.0})  # mm, and no loop closes
+    robot = changed_file(tmp_path, {"limbs.strut": 800.0})  # mm, and no loop closes
     outcome = run("check", robot, "--report", path)
     assert outcome.code == 4
     page = path.read_text(encoding="utf-8")

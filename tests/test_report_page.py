@@ -105,7 +105,7 @@ def test_a_drive_at_rest_and_times_since_1970() -> None:
     blocks = over_time(c), *residual_blocks(c)
     np.testing.assert_array_equal(blocks[0].figure.data[0].x, time)
     assert blocks[0].figure.data[0].y.dtype == np.float32
-    (marks, _) = (trace for trace in blocks[0].figure.data if trace.name == "left out: events")
+    (marks, _) = (trace for trace in blocks[0].figure.data if trace.name == "excluded: events")
     np.testing.assert_array_equal(marks.x[[0, 1, 3, 4]], time[[10, 20, 40, 45]])
     assert len(render(Page("t", "", (), (Section("s", blocks),)))) > 1.9e6
 

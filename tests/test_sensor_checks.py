@@ -16,7 +16,7 @@ from deltaid.checks.evidence import evidence
 from deltaid.checks.identify import identify
 from deltaid.checks.sensing.misfit import Misfit
 from deltaid.checks.sensing.sensors import checked_sensors
-from deltaid.checks.verdicts import changes, mended
+from deltaid.checks.verdicts import changes, with_changes
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.errors import RecordingError
 from deltaid.model.record import Settings
@@ -144,8 +144,8 @@ def test_a_fault_is_reported_and_what_is_proposed_corrects_it(name: str) -> None
     assert [(verdict.key, verdict.subject) for verdict in verdicts] == [(FAULTS[name], "plate")]
     assert verdicts[0].grade is (Grade.DOUBTFUL if name == "late" else Grade.WRONG)
     data = evidence(dynamics.robot, frame).written_mapping
-    mapping = ColumnMapping.model_validate(mended(data, changes(verdicts, "mapping")))
-    described = mended(dynamics.robot.model_dump(mode="json"), changes(verdicts, "robot"))
+    mapping = ColumnMapping.model_validate(with_changes(data, changes(verdicts, "mapping")))
+    described = with_changes(dynamics.robot.model_dump(mode="json"), changes(verdicts, "robot"))
     robot = compiled(RobotDescription.model_validate(described))
     again = judged(robot, frame, mapping)
     assert [verdict.grade for verdict in again] == [Grade.GOOD] * 4, again

@@ -9,7 +9,7 @@ import pytest
 
 from command import run
 from deltaid.robot.load import catalogue, catalogue_text, described_in, plain_data
-from deltaid.robot.yaml_edit import edited, mended
+from deltaid.robot.yaml_edit import edited, with_changes
 from logs import recorded
 
 FILE = """\
@@ -53,15 +53,15 @@ def lines_changed(before: str, after: str) -> list[str]:
 )  # fmt: skip
 def test_one_value_changes_one_line(path: str, value: object, changed: list[str]) -> None:
     data = plain_data(FILE, "file")
-    after = edited(FILE, {path: value}, mended(data, {path: value}), "file")
+    after = edited(FILE, {path: value}, with_changes(data, {path: value}), "file")
     assert lines_changed(FILE, after) == changed
-    assert plain_data(after, "file") == mended(data, {path: value})
+    assert plain_data(after, "file") == with_changes(data, {path: value})
 
 
 def test_what_cannot_be_edited_in_place_keeps_its_comments() -> None:
     text = "a: &same 1.50 # first\nb: *same\nc:\n- 1 # one\n- 2\n"
     change: dict[str, object] = {"a": 2.0, "c": [3]}
-    after = edited(text, change, mended(plain_data(text, "x"), change), "x")
+    after = edited(text, change, with_changes(plain_data(text, "x"), change), "x")
     assert plain_data(after, "x") == {"a": 2.0, "b": 1.5, "c": [3]}
     assert "# first" in after
 
@@ -71,9 +71,9 @@ def test_a_catalogue_robot_keeps_every_other_line(robot: str) -> None:
     text = catalogue_text(robot)
     data = plain_data(text, robot)
     for path, value in (("platform_speed", 1.25), ("friction.drive1.viscous", 0.125)):
-        after = edited(text, {path: value}, mended(data, {path: value}), robot)
+        after = edited(text, {path: value}, with_changes(data, {path: value}), robot)
         assert len(lines_changed(text, after)) <= 2
-        assert plain_data(after, robot) == mended(data, {path: value})
+        assert plain_data(after, robot) == with_changes(data, {path: value})
         described_in(after, robot)
 
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from deltaid.checks.evidence import Evidence, evidence
-from deltaid.checks.verdicts import changes, mended
+from deltaid.checks.verdicts import changes, with_changes
 from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.dynamics.dynamics import compiled
 from deltaid.model.verdict import Grade, Verdict
@@ -52,7 +52,7 @@ def only_verdict(name: str, columns: Columns, *, cured: bool = True) -> Verdict:
     if cured:
         wanted = changes(verdicts, "mapping")
         assert wanted
-        data = mended(looked_at.written_mapping, wanted)
+        data = with_changes(looked_at.written_mapping, wanted)
         again = evidence_of(name, columns, ColumnMapping.model_validate(data))
         assert not bad(checked_wiring(again))
     return verdicts[0]

@@ -22,7 +22,7 @@ from deltaid.checks.proposals import confirmed, not_refuted
 from deltaid.checks.residual import checked_residual
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
-from deltaid.checks.verdicts import Verdicts, as_written, changes, mended
+from deltaid.checks.verdicts import Verdicts, as_written, changes, with_changes
 from deltaid.checks.wiring.wiring import checked_wirings
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError, LostReadingError
@@ -125,7 +125,7 @@ def _in_metres(robot: RobotLike) -> Verdict | None:
     try:
         data = as_written(robot)
         verdict = checked_lengths(data)
-        described_in(yaml_text(mended(data, changes([verdict], "robot"))), str(robot))
+        described_in(yaml_text(with_changes(data, changes([verdict], "robot"))), str(robot))
     except DescriptionError:
         return None
     return verdict if verdict.grade is Grade.WRONG else None

@@ -27,7 +27,7 @@ from deltaid.robot.load import (
     read_text,
     yaml_text,
 )
-from deltaid.robot.yaml_edit import edited, mended, steps_of
+from deltaid.robot.yaml_edit import edited, steps_of, with_changes
 from deltaid.shown import Reported, Shown, Tabled
 
 Changes = dict[str, object]
@@ -122,7 +122,7 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         Raises:
             DeltaidError: the verdicts are not on exactly one recording.
         """
-        text = yaml_text(mended(self._recorded.written_mapping, changes(self, "mapping")))
+        text = yaml_text(with_changes(self._recorded.written_mapping, changes(self, "mapping")))
         return parse(text, ColumnMapping, where="cured mapping").known_as("cured mapping")
 
     def cured_robot(self) -> RobotDescription:
@@ -133,7 +133,8 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         """
         if not (proposed := changes(self, "robot")):
             return self._described
-        return described_in(yaml_text(mended(as_written(self._described), proposed)), "cured robot")
+        corrected = with_changes(as_written(self._described), proposed)
+        return described_in(yaml_text(corrected), "corrected robot")
 
     @property
     def _described(self) -> RobotDescription:
@@ -191,7 +192,7 @@ def robot_text(robot: RobotLike, proposed: Changes) -> str:
     Raises:
         DescriptionError: the robot does not exist, or its file is no mapping of keys.
     """
-    wanted = mended(as_written(robot), proposed)
+    wanted = with_changes(as_written(robot), proposed)
     if isinstance(robot, str | Path):
         name = str(robot)
         text = catalogue_text(name) if name in catalogue() else read_text(Path(robot))
@@ -211,7 +212,7 @@ def mapping_text(record: Evidence, proposed: Changes, path: Path | None) -> str:
     Raises:
         DescriptionError: the file cannot be read, or is not YAML.
     """
-    wanted = mended(record.written_mapping, proposed)
+    wanted = with_changes(record.written_mapping, proposed)
     if path is None:
         return yaml_text(wanted)
     return edited(read_text(path), proposed, wanted, str(path))
@@ -219,7 +220,7 @@ def mapping_text(record: Evidence, proposed: Changes, path: Path | None) -> str:
 
 def pasted(data: Data, proposed: Changes) -> str:
     """Proposals for plain data, as YAML lines to paste into its file."""
-    return yaml_text(to_paste(mended(data, proposed), proposed)).rstrip()
+    return yaml_text(to_paste(with_changes(data, proposed), proposed)).rstrip()
 
 
 def to_paste(data: Data, proposed: Changes) -> Data:

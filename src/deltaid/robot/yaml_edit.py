@@ -72,7 +72,7 @@ class _LayoutError(Exception):
     """Raised for a value that cannot be edited in place."""
 
 
-def mended(data: Data, proposed: Mapping[str, object]) -> Data:
+def with_changes(data: Data, proposed: Mapping[str, object]) -> Data:
     """Copy of the data with values replaced by path; None removes a key."""
     data = copy.deepcopy(data)
     for path, value in proposed.items():
@@ -108,7 +108,7 @@ def edited(text: str, proposed: Mapping[str, object], wanted: Data, where: str) 
     added = {top: wanted[top] for path in proposed if (top := steps_of(path)[0]) not in now}
     added = {top: value for top, value in added.items() if value is not None}
     changes = added | {p: value for p, value in proposed.items() if steps_of(p)[0] in now}
-    aim = mended(now | added, changes)
+    aim = with_changes(now | added, changes)
     result = text
     try:
         for path, value in changes.items():
@@ -128,7 +128,7 @@ def _plain(text: str, where: str) -> Data:
 def _by_ruamel(text: str, changes: Mapping[str, object]) -> str:
     yaml, written = YAML(), io.StringIO()
     yaml.width, yaml.preserve_quotes = 100, True
-    yaml.dump(mended(yaml.load(text) or {}, changes), written)
+    yaml.dump(with_changes(yaml.load(text) or {}, changes), written)
     return written.getvalue()
 
 

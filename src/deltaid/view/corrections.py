@@ -189,7 +189,7 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
     why = {part.reason: part.why for _, part in parts}
     words = "; ".join(f"{reason}: {text}" for reason, text in why.items())
     table = Table(
-        ("recording", "left out", "drives", "of the rows", "when [s]"),
+        ("recording", "excluded", "drives", "of the rows", "when [s]"),
         tuple(
             (
                 name,

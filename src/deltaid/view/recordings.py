@@ -115,7 +115,7 @@ def log_card(value: Log | recording.PreparedRecording) -> Card:
             ("rate", f"{number(log.rate)} Hz"),
             ("seconds", number(log.samples / log.rate)),
             *((("low-pass", f"{number(cutoff, 3)} Hz"),) if cutoff else ()),
-            *((("stretches left out", str(len(log.masks))),) if log.masks else ()),
+            *((("stretches excluded", str(len(log.masks))),) if log.masks else ()),
         ),
         more=warned(warnings),
     )

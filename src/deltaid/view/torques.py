@@ -70,7 +70,7 @@ def _add_drive(figure: go.Figure, compared: TorqueComparison, time: np.ndarray, 
         figure.add_scatter(
             x=np.insert(compared.events, 2, np.nan, axis=1).ravel(),
             y=np.tile([0.0, 0.0, np.nan], len(compared.events)),
-            name="left out: events",
+            name="excluded: events",
             mode="lines",
             line={"color": style.LIMIT, "width": 5},
             hovertemplate="excluded from here at %{x:.4g} s<extra></extra>",
