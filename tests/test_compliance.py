@@ -25,9 +25,6 @@ from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import SPIKE, Gears, LeftSpan, Repairs
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
-from drives import case
-from drives.identify import identified
-from drives.judge import judge
 from identified import simulated
 from logs import tabled
 
@@ -165,18 +162,6 @@ def test_noise_of_a_short_recording_is_no_gear_that_winds_up(seed: int) -> None:
     settings = Settings(cutoff=15.0, friction="described", lag="none", events=False)
     found = at_stage(robot, table, settings)
     assert all(recording.repairs.gears is None for recording in found.recordings)
-
-
-@pytest.mark.slow
-def test_gears_that_only_take_noise_away_do_not_hide_what_acts() -> None:
-    """Play, torque constants that fall and Stribeck's friction: gears of 9,500 N m/rad left a third
-    of the noise, and the model's masses were 6 % off, its friction 45 %."""
-    made = case("mixture", "delta4", 202)
-    result = identified(made)
-    kinds = {correction.kind for correction in result.model.corrections}
-    assert "torque-constant" in kinds
-    assert "compliance" not in kinds
-    assert judge(made, result).M_shape < 0.005
 
 
 def at_stage(
