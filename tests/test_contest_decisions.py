@@ -244,8 +244,8 @@ def test_a_wrong_gear_ratio_is_not_mistaken_for_lengths_or_a_load(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Far from where it is, slopes of its effect leave what lengths at their bound, or a load of
-    40 g that comes and goes, explain better. What all ratios share shows hardly: a Delta whose
-    lengths are all off moves nearly so."""
+    40 g that comes and goes, explain better. A share common to all ratios is hardly identifiable:
+    errors of lengths imitate it."""
     monkeypatch.setitem(mixture.MIXED, "falling-gain", (lambda made, *_: made, 1.0, 2.0))
     made = case("mixture", "par4", 1)
     result = identified(made)
