@@ -14,8 +14,8 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.effect import Cause
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup
+from deltaid.estimation.causes import CauseColumns
 from deltaid.estimation.drive_rows import TraceRows
-from deltaid.estimation.problem import CauseColumns
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.identification import contest_stage
 from deltaid.identification.contest import Contest

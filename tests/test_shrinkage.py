@@ -6,8 +6,8 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from deltaid.estimation.causes import CauseColumns, NoiseBlock
 from deltaid.estimation.drive_rows import TraceRows
-from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import _ALIKE, Shrunk
 from deltaid.identification import contest as contest_module
 from deltaid.identification.contest import Contest, _eliminated, reduced, rivals, suspects
@@ -32,6 +32,10 @@ def problem(seed: int = 0, size: float = 1.0, mean: float = 0.0) -> Shrunk:
     return Shrunk.fitted(blocks, D, np.zeros(2), groups)
 
 
+def prior(fit: Shrunk) -> tuple[np.ndarray, np.ndarray]:
+    return fit.rows.D, fit.rows.d
+
+
 def test_a_cause_is_found_with_its_noise_and_nothing_else_is_kept() -> None:
     full = problem()
     assert full.x[2:5] == pytest.approx([1.0, -0.5, 0.8], abs=0.03)
@@ -44,7 +48,7 @@ def test_by_how_much_chance_changes_the_level_of_noise() -> None:
     """Of a quarter of 800 rows that are independent, against 2,000 levels of 200 numbers."""
     blocks = tuple(replace(block, independent=0.25) for block in problem().blocks)
     levels = np.std(np.random.default_rng(0).standard_normal((2000, 200)), axis=1)
-    spread = replace(problem(), blocks=blocks).noise_spread
+    spread = replace(problem(), rows=replace(problem().rows, blocks=blocks)).noise_spread
     assert spread == pytest.approx(float(np.std(np.log(levels))), rel=0.05)
 
 
@@ -78,11 +82,11 @@ def test_a_price_is_what_the_minimum_grows_by_without_the_group() -> None:
             (x[g.columns] - g.mean) / (a * g.deviation)
             for g, a in zip(full.groups, full.alpha, strict=True)
         ]
-        return rows + float(np.sum((full.D @ x - full.d) ** 2)) + sum(float(v @ v) for v in u)
+        D, d = prior(full)
+        return rows + float(np.sum((D @ x - d) ** 2)) + sum(float(v @ v) for v in u)
 
     group = full.groups[0]
-    dropped = replace(full.without({"cause"}), alpha=full.alpha[1:], sigma=full.sigma)
-    x = np.insert(dropped.x, 2, np.zeros(3))
+    x = full.without({"cause"}).x
     own = full.covariance[np.ix_(group.columns, group.columns)]
     price = float(full.x[group.columns] @ np.linalg.solve(own, full.x[group.columns]))
     assert cost(x) - cost(full.x) == pytest.approx(price, rel=1e-6)
@@ -98,11 +102,11 @@ def test_more_columns_explain_what_the_minimum_falls_by() -> None:
     explained = bare.explained((0, 1), sets)
     weights = np.repeat(1 / bare.sigma, 400)
     b = np.concatenate([block.b for block in bare.blocks]) * weights
-    rows = np.vstack([block.A for block in bare.blocks]) * weights[:, None]
-    prior = np.concatenate([[10.0, 10.0], 0.5 * np.repeat(bare.alpha, 2)])
-    before = np.vstack([rows, np.diag(1 / prior)])
-    e = (b - rows @ bare.x).reshape(2, -1)
-    cost = float(np.sum(e**2) + np.sum((bare.x / prior) ** 2))
+    rows = np.vstack([block.A[:, [0, 1, 5, 6]] for block in bare.blocks]) * weights[:, None]
+    deviations = np.concatenate([[10.0, 10.0], 0.5 * np.repeat(bare.alpha, 2)])
+    before, x = np.vstack([rows, np.diag(1 / deviations)]), bare.x[[0, 1, 5, 6]]
+    e = (b - rows @ x).reshape(2, -1)
+    cost = float(np.sum(e**2) + np.sum((x / deviations) ** 2))
     for k, value in enumerate(explained):
         more = np.concatenate([columns[:, k] for columns in sets]) * weights[:, None]
         own = np.sqrt(_ALIKE * np.sum(more**2, axis=0))
@@ -116,11 +120,30 @@ def test_more_columns_explain_what_the_minimum_falls_by() -> None:
 
 
 def test_without_a_group_its_coefficients_are_the_mean_of_their_prior() -> None:
+    """And the others are those of a fit that has never had its columns."""
     full = problem(mean=0.3)
     dropped = full.without({"cause"})
-    block = full.blocks[0]
-    assert dropped.blocks[0].b == pytest.approx(block.b - block.A[:, 2:5] @ np.full(3, 0.3))
-    assert dropped.groups[0].columns.tolist() == [2, 3]
+    assert dropped.x[2:5].tolist() == [0.3, 0.3, 0.3]
+    assert not dropped.covariance[2:5].any()
+    others = [0, 1, 5, 6]
+    blocks = [
+        replace(block, A=block.A[:, others], b=block.b - block.A[:, 2:5] @ np.full(3, 0.3))
+        for block in full.blocks
+    ]
+    D, d = prior(full)
+    groups = [replace(full.groups[1], columns=np.array([2, 3]))]
+    fitted = Shrunk.fitted(blocks, D[:, others], d, groups)
+    never = replace(fitted, alpha=dropped.alpha, rows=replace(fitted.rows, sigma=dropped.sigma))
+    assert dropped.x[others] == pytest.approx(never.x)
+    assert dropped.covariance[np.ix_(others, others)] == pytest.approx(never.covariance)
+    assert dropped.evidence == pytest.approx(never.evidence)
+    assert full.of_candidates(["nothing"]).level(full.groups[1]) == pytest.approx(
+        never._settled(noise=False).level(groups[0])
+    )
+    for mine, theirs in zip(
+        dropped.rows_of(full.groups[1], 1), never.rows_of(groups[0], 1), strict=True
+    ):
+        assert mine == pytest.approx(theirs)
 
 
 @pytest.mark.parametrize(("wrong", "more"), [("wrong", 0.0), ("unexplained its torque", 0.5)])
@@ -220,7 +243,7 @@ def test_what_rows_say_is_in_units_of_the_noise_behind_a_low_pass() -> None:
 def test_what_is_within_the_error_of_positions_is_not_kept() -> None:
     full = problem(size=0.02)
     blocks = [replace(block, largest=1e4) for block in full.blocks]
-    assert reduced(Shrunk.fitted(blocks, full.D, full.d, full.groups), LEAST).candidates == ()
+    assert reduced(Shrunk.fitted(blocks, *prior(full), full.groups), LEAST).candidates == ()
 
 
 def test_what_physics_does_not_allow_stands_for_something_else() -> None:
@@ -232,12 +255,12 @@ def test_what_physics_does_not_allow_stands_for_something_else() -> None:
         return bool(values.sum() > 0.0)
 
     impossible = replace(full.groups[0], is_possible=grows)
-    barred = Shrunk.fitted(full.blocks, full.D, full.d, [impossible, full.groups[1]])
+    barred = Shrunk.fitted(full.blocks, *prior(full), [impossible, full.groups[1]])
     assert reduced(full, LEAST).candidates == ("cause",)
     assert reduced(barred, LEAST).candidates == ()
     assert applied[0] == pytest.approx(full.x[2:5] - 0.5)  # of all that is applied
     allowed = replace(impossible, is_possible=lambda *values: not grows(*values))
-    kept = Shrunk.fitted(full.blocks, full.D, full.d, [allowed, full.groups[1]])
+    kept = Shrunk.fitted(full.blocks, *prior(full), [allowed, full.groups[1]])
     assert reduced(kept, LEAST).candidates == ("cause",)
 
 
@@ -265,7 +288,7 @@ def test_what_physics_does_not_allow_is_no_rival() -> None:
     (dropped,) = {"cause", "double"} - set(kept.candidates)
     never = {dropped: lambda *_: False}
     groups = [replace(g, is_possible=never.get(g.name, g.is_possible)) for g in both.groups]
-    barred = Shrunk.fitted(both.blocks, both.D, both.d, groups)
+    barred = Shrunk.fitted(both.blocks, *prior(both), groups)
     assert rivals(both, kept, LEAST)
     assert not rivals(barred, kept, LEAST)
 
@@ -289,10 +312,10 @@ def test_a_cause_that_chance_gives_too_often_is_a_suspect(monkeypatch: pytest.Mo
     odds = {name: trial.evidence - bare.evidence for name, trial in suspects(full, bare).items()}
     assert odds["cause"] > np.log(100.0) > 1.0 > odds["nothing"]
     never = [replace(group, is_possible=lambda *_: False) for group in full.groups]
-    assert suspects(Shrunk.fitted(full.blocks, full.D, full.d, never), bare) == {}
+    assert suspects(Shrunk.fitted(full.blocks, *prior(full), never), bare) == {}
     # What errors of positions may make is none, nor what chance makes by the scatter of rows.
     far = [replace(block, largest=500.0) for block in full.blocks]
-    assert certain(Shrunk.fitted(far, full.D, full.d, full.groups)) == set()
+    assert certain(Shrunk.fitted(far, *prior(full), full.groups)) == set()
     for decades, names in ((1.9, set()), (2.1, {"cause"})):
         monkeypatch.setattr(Shrunk, "surprise", lambda *_, seldom=decades: seldom)
         assert certain(full) == names
@@ -301,7 +324,7 @@ def test_a_cause_that_chance_gives_too_often_is_a_suspect(monkeypatch: pytest.Mo
 def test_what_cannot_be_negative_stays_at_zero() -> None:
     free = problem()
     groups = [replace(free.groups[0], is_positive=True), free.groups[1]]
-    bounded = Shrunk.fitted(free.blocks, free.D, free.d, groups)
+    bounded = Shrunk.fitted(free.blocks, *prior(free), groups)
     assert free.x[3] == pytest.approx(-0.5, abs=0.03)
     assert bounded.x[3] == pytest.approx(0.0, abs=1e-5)
     assert bounded.x[[2, 4]] == pytest.approx(free.x[[2, 4]], abs=0.1)

@@ -18,9 +18,9 @@ from deltaid.effects.unexplained import (
     Unexplained,
     shares_of_torque,
 )
+from deltaid.estimation.causes import CauseColumns, NoiseBlock
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.information import entries_at
-from deltaid.estimation.problem import CauseColumns, NoiseBlock
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.estimation.traces import Trace
 from deltaid.identification import contest_stage

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.joint_columns import joint_columns
 from deltaid.dynamics.speed_forces import SpeedForces
+from deltaid.kernel.batch import BatchKernel, RowKernel
 from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.growth import LengthGrowth, grown_by
 from deltaid.mechanism.kinematics import Samples
@@ -41,14 +42,30 @@ class GrownTorques:
     Attributes:
         numbers: indices of the symbols of each kind of length.
         symbols: number of symbols.
-        torque: τ, function of (z, [q̇, q̈], p, growth, gravity).
-        position: q and J, functions of (z, growth).
     """
 
     numbers: dict[str, tuple[int, ...]]
     symbols: int
-    torque: ca.Function
-    position: ca.Function
+    _torque: BatchKernel
+    _position: RowKernel
+
+    def torque(
+        self,
+        z: Samples,
+        rates: Float[np.ndarray, "samples rates"],
+        p: Parameters,
+        growth: Float[np.ndarray, " growth"],
+        gravity: Float[np.ndarray, " 3"],
+    ) -> Shown:
+        """τ along a motion with `rates` [q̇, q̈]."""
+        return self._torque(np.hstack([z, rates]).T, np.concatenate([p, growth, gravity]))
+
+    def position(
+        self, z: Samples, growth: Float[np.ndarray, " growth"]
+    ) -> tuple[Samples, Float[np.ndarray, "samples dof dof"]]:
+        """Drive coordinates q and J = ∂q/∂z."""
+        q, J = self._position.rows(z, uniform=growth)
+        return q, J
 
 
 def grown_torques(robot: RobotDescription, mounted: bool = False) -> GrownTorques:
@@ -78,12 +95,12 @@ def _grown(description: str, mounted: bool) -> GrownTorques:
         forces.joint_columns(joint_columns(robot), still) @ forces.p[forces.layout.coefficients]
     )
     torque = speeds.drives_to_all.T @ motion(forces.of_bodies() + joints)
-    rates = ca.vertcat(speeds.q.u, speeds.q.ud)
+    rates, uniform = ca.vertcat(speeds.q.u, speeds.q.ud), ca.vertcat(forces.p, symbols, gravity)
     return GrownTorques(
         grown_by(robot),
         symbols.numel(),
-        ca.Function("torque", [mechanism.z, rates, forces.p, symbols, gravity], [torque]),
-        ca.Function("position", [mechanism.z, symbols], [mechanism.q, ca.densify(speeds.jacobian)]),
+        BatchKernel(ca.vertcat(mechanism.z, rates), torque, uniform),
+        RowKernel([mechanism.z], [mechanism.q, ca.horzsplit(speeds.jacobian)], symbols),
     )
 
 
@@ -134,7 +151,7 @@ class GeometrySlopes(ABC):
     def of_growth(self, direction: Float[np.ndarray, " growth"]) -> Shown:
         """Slope along a direction in the space of all symbols [1/m or 1/rad]."""
         growth, (q, J) = _STEP * direction, self._drives
-        later = np.array(self.grown.position(self.z.T, growth)[0]).T
+        later = self.grown.position(self.z, growth)[0]
         z = self.z - np.linalg.solve(J, (later - q)[:, :, None])[:, :, 0]
         return (self.shown(z, self.rates, growth, self.gravity) - self._described) / _STEP
 
@@ -166,8 +183,7 @@ class GeometrySlopes(ABC):
     @cached_property
     def _drives(self) -> tuple[Samples, Float[np.ndarray, "samples dof dof"]]:
         """Drive coordinates q and J = ∂q/∂z as described."""
-        (q, J), dof = self.grown.position(self.z.T, self._no_growth), self.z.shape[1]
-        return np.array(q).T, np.array(J).reshape(dof, -1, dof).swapaxes(0, 1)
+        return self.grown.position(self.z, self._no_growth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,16 +206,16 @@ class TorqueSlopes(GeometrySlopes):
         growth: Float[np.ndarray, " growth"],
         gravity: Float[np.ndarray, " 3"],
     ) -> Shown:
-        torque = np.array(self.grown.torque(z.T, rates.T, self.p, growth, gravity))
+        torque = self.grown.torque(z, rates, self.p, growth, gravity)
         for p, before in zip(self.dry, self._dry_as_described, strict=True):
-            after = np.array(self.grown.torque(z.T, rates.T, p, growth, gravity))
+            after = self.grown.torque(z, rates, p, growth, gravity)
             torque += np.sign(np.sum(before * after, axis=0)) * after
         return torque
 
     @cached_property
     def _dry_as_described(self) -> list[Shown]:
-        z, rates, growth = self.z.T, self.rates.T, self._no_growth
-        return [np.array(self.grown.torque(z, rates, p, growth, self.gravity)) for p in self.dry]
+        growth, gravity = self._no_growth, self.gravity
+        return [self.grown.torque(self.z, self.rates, p, growth, gravity) for p in self.dry]
 
 
 def geometric_errors(

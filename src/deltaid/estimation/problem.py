@@ -6,12 +6,9 @@ Rows belong to groups g, stretches of time; those of the prior to none. x minimi
 ‖A x − b‖² + ‖D x − d‖² or, where columns share noise with b, ‖Qᵀ(A x − b)‖² + … with an orthonormal
 basis Q of instruments Z, columns without that noise. Its error is Σ_g s_g with the scores
 s_g = K_gᵀ e_g and the rows' influence K on x. Noise of torques is not white, so the covariance is
-that by the scatter of s_g, or by white noise if this is larger (Liang and Zeger 1986).
+that by the scatter of s_g, or by white noise if this is larger (Liang and Zeger 1986)."""
 
-`CauseColumns`, columns with a prior of their own, and `NoiseBlock`, rows of one noise level, pose a
-shrunk fit (`shrinkage`)."""
-
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,12 +16,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
-from deltaid.levels import FAINT, HARDLY, NEGLIGIBLE
+from deltaid.levels import HARDLY, NEGLIGIBLE
 
 # Group number of the prior's rows.
 KNOWN = -1
-# Number of rows whose sums show slow noise, and its largest variance over that of white noise.
-_SLOW, _REDDEST = 8, 30.0
 
 Columns = Float[np.ndarray, "rows columns"]
 Rows = Float[np.ndarray, " rows"]
@@ -235,77 +230,3 @@ class Explanation:
         along = float(np.sum(s**2)) / U.shape[1] * (len(s) / max(len(s) - 1, 1))
         level = max(along, float(left @ left) / freedom, 1e-300)
         return cls(U, float(scores @ scores), left, level)
-
-
-@dataclass(frozen=True, eq=False)
-class CauseColumns:
-    """The columns of one cause.
-
-    Attributes:
-        deviation: prior standard deviation of each coefficient.
-        mean: prior mean of each step: minus the coefficients that have been applied already.
-        is_candidate: whether it can be corrected; otherwise it is a nuisance.
-        may_be_dropped: whether a candidate is dropped if rows do not need it.
-        is_positive: whether coefficients, x less the mean, cannot be negative.
-        is_possible: whether physics allows such coefficients, given their covariance; otherwise a
-            candidate mimics another cause and is dropped.
-    """
-
-    name: str
-    columns: Int[np.ndarray, " k"]
-    deviation: Float[np.ndarray, " k"]
-    mean: Float[np.ndarray, " k"]
-    is_candidate: bool = True
-    is_positive: bool = False
-    may_be_dropped: bool = True
-    is_possible: Callable[[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]], bool] = lambda *_: (
-        True
-    )
-
-    def allows(self, x: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> bool:
-        """Whether physics allows the coefficients.
-
-        A step of x counts as uncertain by its own size, since slopes are those before it; otherwise
-        nonlinear effects would be dropped before they settle.
-        """
-        step = x[self.columns]
-        own = covariance[np.ix_(self.columns, self.columns)] + np.outer(step, step)
-        return self.is_possible(step - self.mean, own)
-
-    def held(self, x: Float[np.ndarray, " n"]) -> "CauseColumns":
-        """With coefficients held at zero where they would be negative but cannot."""
-        below = self.is_positive & (x[self.columns] < self.mean)
-        return replace(self, deviation=np.where(below, FAINT * self.deviation, self.deviation))
-
-
-@dataclass(frozen=True, eq=False)
-class NoiseBlock:
-    """Rows A x = b of one noise level.
-
-    Attributes:
-        stretches: the stretch of time of each row.
-        largest: the largest measured value.
-        independent: share of the rows with independent noise, behind a low-pass.
-    """
-
-    A: Columns
-    b: Rows
-    stretches: Int[np.ndarray, " rows"]
-    largest: float
-    independent: float = 1.0
-
-    @cached_property
-    def normal(self) -> Float[np.ndarray, "n n"]:
-        return self.A.T @ self.A
-
-    @cached_property
-    def right(self) -> Float[np.ndarray, " n"]:
-        return self.A.T @ self.b
-
-    def noise(self, residual: Rows) -> float:
-        """Standard deviation of its noise; slow errors of the model count as noise."""
-        count = len(residual) // _SLOW * _SLOW
-        variance = float(np.mean(residual**2))
-        slow = np.mean(residual[:count].reshape(-1, _SLOW).sum(axis=1) ** 2) / _SLOW
-        red = np.clip(slow / max(variance, 1e-300), 1.0, _REDDEST)
-        return float(np.sqrt(max(variance * red, 1e-300)))

@@ -13,11 +13,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg.lapack import dtrtri
 
+from deltaid.estimation.causes import CauseColumns, NoiseBlock, WeightedRows
 from deltaid.estimation.information import NOISE_FLOOR
-from deltaid.estimation.problem import CauseColumns, Columns, NoiseBlock, Rows, group_sums
+from deltaid.estimation.problem import Columns, Rows, group_sums
 from deltaid.estimation.scatter import scaled_cholesky, surprise
 from deltaid.levels import FAINT, LEVEL, ROUNDS
 
@@ -38,26 +40,26 @@ class Shrunk:
     """The minimiser with its scales of priors and noise.
 
     Attributes:
-        blocks: rows, each block with its own noise level.
-        D, d: rows of the prior.
+        rows: blocks with their levels of noise, and the prior D.
         groups: columns that are shrunk; others have only the prior D.
         alpha: scale of each group's prior.
-        sigma: noise of each block.
+        free: columns whose coefficients are fitted.
+        held: coefficients of the other columns, and zeros.
     """
 
-    blocks: tuple[NoiseBlock, ...]
-    D: Columns
-    d: Rows
+    rows: WeightedRows
     groups: tuple[CauseColumns, ...]
     alpha: Float[np.ndarray, " groups"]
-    sigma: Float[np.ndarray, " blocks"]
+    free: Int[np.ndarray, " free"]
+    held: Float[np.ndarray, " n"]
 
     @classmethod
     def fitted(
         cls, blocks: Sequence[NoiseBlock], D: Columns, d: Rows, groups: Sequence[CauseColumns]
     ) -> "Shrunk":
         """The maximum of evidence, starting from scales and noise of 1."""
-        start = cls(tuple(blocks), D, d, tuple(groups), np.ones(len(groups)), np.ones(len(blocks)))
+        n, rows = D.shape[1], WeightedRows(tuple(blocks), D, d, np.ones(len(blocks)))
+        start = cls(rows, tuple(groups), np.ones(len(groups)), np.arange(n), np.zeros(n))
         now = start._settled()
         bounded = tuple(group.held(now.x) for group in now.groups)
         if all(
@@ -67,12 +69,20 @@ class Shrunk:
             return now
         return replace(now, groups=bounded)._settled()
 
+    @property
+    def blocks(self) -> tuple[NoiseBlock, ...]:
+        return self.rows.blocks
+
+    @property
+    def sigma(self) -> Float[np.ndarray, " blocks"]:
+        return self.rows.sigma
+
     def _settled(self, *, noise: bool = True) -> "Shrunk":
         """With scales and, unless kept, noise at their fixed point."""
         now = self
         for _ in range(ROUNDS):
-            sigma = now._noise if noise else now.sigma
-            after = replace(now, alpha=now._scales, sigma=sigma)
+            rows = replace(now.rows, sigma=now._noise) if noise else now.rows
+            after = replace(now, alpha=now._scales, rows=rows)
             change = np.abs(np.log(after.alpha / now.alpha)).max(initial=0.0)
             change = max(change, float(np.abs(np.log(after.sigma / now.sigma)).max()))
             now = after
@@ -107,22 +117,31 @@ class Shrunk:
 
     @cached_property
     def _factor(self) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
-        """L and d with diag(d) L Lᵀ diag(d) = the precision of x."""
-        return scaled_cholesky(self._with_priors(self.groups)[0])
+        """L and d with diag(d) L Lᵀ diag(d) = the precision of free coefficients."""
+        K, _ = self._normal
+        return scaled_cholesky(K if self._all_free else K[np.ix_(self.free, self.free)])
+
+    @property
+    def _all_free(self) -> bool:
+        return len(self.free) == len(self.held)
 
     @cached_property
-    def _root(self) -> Float[np.ndarray, "n n"]:
+    def _root(self) -> Float[np.ndarray, "free n"]:
         """W with WᵀW = the covariance of x."""
         L, size = self._factor
-        return solve_triangular(L, np.diag(1.0 / size), lower=True, check_finite=False)
+        root = np.zeros((len(self.free), len(self.held)))
+        root[:, self.free] = dtrtri(L, lower=1)[0] / size
+        return root
+
+    @cached_property
+    def _normal(self) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
+        return self._with_priors(self.groups)
 
     def _with_priors(
         self, groups: Sequence[CauseColumns]
     ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
         """K, r with the priors of these groups."""
-        K, r = self.D.T @ self.D, self.D.T @ self.d
-        for block, sigma in zip(self.blocks, self.sigma, strict=True):
-            K, r = K + block.normal / sigma**2, r + block.right / sigma**2
+        K, r = (product.copy() for product in self.rows.products)
         for group, alpha in zip(self.groups, self.alpha, strict=True):
             if group in groups:
                 precision = (alpha * group.deviation) ** -2.0
@@ -132,7 +151,9 @@ class Shrunk:
 
     @cached_property
     def x(self) -> Float[np.ndarray, " n"]:
-        return self._root.T @ (self._root @ self._with_priors(self.groups)[1])
+        K, r = self._normal
+        right = r if self._all_free else r - K @ self.held
+        return self.held + self._root.T @ (self._root @ right)
 
     @cached_property
     def covariance(self) -> Float[np.ndarray, "n n"]:
@@ -189,7 +210,7 @@ class Shrunk:
         own, rest = group.columns[:count], group.columns[count:]
         K, r = self._with_priors([other for other in self.groups if other is not group])
         K[rest, rest] += group.deviation[count:] ** -2.0
-        others = np.setdiff1d(np.arange(len(r)), own)
+        r, others = r - K @ self.held, np.setdiff1d(self.free, own)
         L, size = scaled_cholesky(K[np.ix_(others, others)])
         half = solve_triangular(L, K[np.ix_(others, own)] / size[:, None], lower=True)
         right = solve_triangular(L, r[others] / size, lower=True)
@@ -219,24 +240,18 @@ class Shrunk:
         dropped = [group for group in self.groups if group.name in names]
         if not dropped:
             return self
-        gone = np.concatenate([group.columns for group in dropped])
-        held = np.concatenate([group.mean for group in dropped])
-        stay = np.setdiff1d(np.arange(len(self.x)), gone)
-        groups = tuple(
-            replace(self.groups[k], columns=np.searchsorted(stay, self.groups[k].columns))
-            for k in kept
-        )
-        blocks = tuple(
-            replace(block, A=block.A[:, stay], b=block.b - block.A[:, gone] @ held)
-            for block in self.blocks
-        )
-        return Shrunk(blocks, self.D[:, stay], self.d, groups, self.alpha[kept], self.sigma)
+        held = self.held.copy()
+        for group in dropped:
+            held[group.columns] = group.mean
+        free = np.setdiff1d(self.free, np.concatenate([group.columns for group in dropped]))
+        groups = tuple(self.groups[k] for k in kept)
+        return replace(self, groups=groups, alpha=self.alpha[kept], free=free, held=held)
 
     def with_groups(
         self, candidates: Sequence[tuple[str, Sequence[OfGroup], Float[np.ndarray, " _"]]]
     ) -> "Shrunk":
         """The same with more candidates: name, columns for each block, deviations."""
-        groups, first = list(self.groups), len(self.x)
+        groups, first = list(self.groups), len(self.held)
         for name, _, deviation in candidates:
             places = np.arange(first, first + len(deviation))
             groups.append(CauseColumns(name, places, deviation, np.zeros(len(deviation))))
@@ -245,9 +260,11 @@ class Shrunk:
             replace(block, A=np.hstack([block.A, *(columns[k] for _, columns, _ in candidates)]))
             for k, block in enumerate(self.blocks)
         )
-        D = np.pad(self.D, ((0, 0), (0, first - len(self.x))))
+        new = np.arange(len(self.held), first)
+        rows = replace(self.rows, blocks=blocks, D=np.pad(self.rows.D, ((0, 0), (0, len(new)))))
         alpha = np.append(self.alpha, np.ones(len(candidates)))
-        return Shrunk(blocks, D, self.d, tuple(groups), alpha, self.sigma)._settled()
+        free, held = np.append(self.free, new), np.append(self.held, np.zeros(len(new)))
+        return Shrunk(rows, tuple(groups), alpha, free, held)._settled()
 
     def explained(
         self, numbers: Sequence[int], sets: Sequence[Float[np.ndarray, "_ sets k"]]
@@ -261,7 +278,7 @@ class Shrunk:
         """
         width, size = sets[0].shape[1:]
         own, along = np.zeros((width, size, size)), np.zeros((width, size))
-        mixed, unit = np.zeros((len(self.x), width * size)), list[float]()
+        mixed, unit = np.zeros((len(self.held), width * size)), list[float]()
         for number, columns in zip(numbers, sets, strict=True):
             block, sigma = self.blocks[number], self.sigma[number]
             e, scaled = self.residual(block) / sigma, columns / sigma
@@ -278,7 +295,7 @@ class Shrunk:
     @cached_property
     def evidence(self) -> float:
         """Logarithm of the probability of the rows, up to a constant."""
-        cost = float(np.sum((self.D @ self.x - self.d) ** 2))
+        cost = float(np.sum((self.rows.D @ self.x - self.rows.d) ** 2))
         L, size = self._factor
         volume = 2.0 * float(np.sum(np.log(np.diag(L) * size)))
         for block, sigma in zip(self.blocks, self.sigma, strict=True):

@@ -24,8 +24,9 @@ from deltaid.effects.ripple_search import (
     searched_orders,
 )
 from deltaid.effects.unexplained import KINDS, Unexplained, is_unexplained
+from deltaid.estimation.causes import CauseColumns, NoiseBlock
 from deltaid.estimation.drive_rows import POSITION_ERROR, OfDrives, TraceRows, stretch_numbers
-from deltaid.estimation.problem import CauseColumns, Columns, NoiseBlock
+from deltaid.estimation.problem import Columns
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.estimation.traces import Trace
 
