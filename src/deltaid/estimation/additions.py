@@ -180,4 +180,6 @@ def entries(
     """Entries of Y along some samples of a recording, in the order of the pattern; `load` is the
     torque of gears that load friction uses, None for a robot without it."""
     own = entries_at(regressor.regressor, w.z, w.qd, w.qdd, load)
+    if not regressor.additions:
+        return own  # no copy
     return np.vstack([own, *(more.entries(w, own, recording) for more in regressor.additions)])

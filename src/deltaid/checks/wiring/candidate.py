@@ -6,7 +6,7 @@ with the entropic distance d² to the prior: with a wrong sign, only impossible 
 the torques of a poor motion. W scales rows by each drive's recorded torque, so units do not matter.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -231,18 +231,23 @@ def _prior(dynamics: Dynamics, columns: tuple[int, ...]) -> tuple[Reduction, Reg
     return reduction, regularizer(reduction, LOG_DET)
 
 
-def closed_share(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> float:
-    """Share of samples whose loops close, estimated from a few."""
+def closed_shares(
+    dynamics: Dynamics, motion: FilteredMotion, maps: Sequence[Map]
+) -> Float[np.ndarray, " maps"]:
+    """Share of samples whose loops close under each map, estimated from a few."""
     chosen = np.linspace(0, len(motion.q) - 1, FEWEST).astype(int)
-    return float(poses(dynamics, map.values(motion.q[chosen]))[1].mean())
+    few = motion.q[chosen]
+    q = np.reshape([map.values(few) for map in maps], (len(maps), *few.shape))
+    return poses(dynamics, q)[1].mean(axis=1)
 
 
 def residuals(
     dynamics: Dynamics, motion: FilteredMotion, maps: Iterable[Map]
 ) -> Iterator[MapResidual]:
     """Least squares under maps whose loops mostly close."""
-    for map in maps:
-        if closed_share(dynamics, motion, map) >= MOSTLY_CLOSED:
+    every = tuple(maps)
+    for map, share in zip(every, closed_shares(dynamics, motion, every), strict=True):
+        if share >= MOSTLY_CLOSED:
             solved = residual(dynamics, motion, map)
             if solved is not None:
                 yield solved

@@ -308,19 +308,21 @@ def rms_torques(tau: Float[np.ndarray, "drives samples"]) -> Float[np.ndarray, "
 
 
 def poses(
-    dynamics: Dynamics, q: Float[np.ndarray, "samples dof"]
-) -> tuple[Float[np.ndarray, "samples dof"], Bool[np.ndarray, " samples"]]:
-    """Poses z, and where loops close, regular and on the most frequent branch."""
-    z, closed = dynamics.kinematics.forward_unchecked(q)
+    dynamics: Dynamics, q: Float[np.ndarray, "motions samples dof"]
+) -> tuple[Float[np.ndarray, "motions samples dof"], Bool[np.ndarray, "motions samples"]]:
+    """Poses z, and where loops close, regular and on the most frequent branch of a motion."""
+    z, closed = dynamics.kinematics.forward_unchecked(q.reshape(-1, q.shape[2]))
     z = np.where(closed[:, None], z, dynamics.kinematics.home)
     regular = dynamics.kinematics.regularity(z)
-    good, sign = closed & (regular.worst < SINGULAR_CONDITION), np.sign(regular.determinant)
-    return z, good & (sign == (1 if sign[good].sum() >= 0 else -1))
+    good = (closed & (regular.worst < SINGULAR_CONDITION)).reshape(q.shape[:2])
+    sign = np.sign(regular.determinant).reshape(good.shape)
+    branch = np.where(np.sum(sign * good, axis=1, keepdims=True) >= 0, 1, -1)
+    return z.reshape(q.shape), good & (sign == branch)
 
 
 def residual(dynamics: Dynamics, motion: FilteredMotion, map: Map) -> MapResidual | None:
     """None where too few samples have poses."""
-    z, good = poses(dynamics, map.values(motion.q))
+    (z,), (good,) = poses(dynamics, map.values(motion.q)[None])
     keep, share = motion.awake, float(good.mean())
     if not good.all():
         keep = keep & (motion.filtered(good[None].astype(float))[0] > 1 - 1e-6)

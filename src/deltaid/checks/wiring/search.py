@@ -21,7 +21,7 @@ from deltaid.checks.wiring.candidate import (
     Assignment,
     WiringHypothesis,
     as_good,
-    closed_share,
+    closed_shares,
     named_units,
     residuals,
     tried,
@@ -196,9 +196,9 @@ def _best_factor(
     any lead."""
     identity = Map.identity(dynamics.dof)
     longest = _LONGEST if named_units(dynamics.robot, drives[0]) is SLIDING else np.inf
-    grid = np.geomspace(SMALLEST, min(longest, _LARGEST), _CLOSING).tolist()
-    shares = [closed_share(dynamics, motion, identity.times(f, drives)) for f in grid]
-    closing = [factor for factor, share in zip(grid, shares, strict=True) if share >= CLOSED]
+    grid = np.geomspace(SMALLEST, min(longest, _LARGEST), _CLOSING)
+    scaled = [identity.times(factor, drives) for factor in grid.tolist()]
+    closing = grid[closed_shares(dynamics, motion, scaled) >= CLOSED].tolist()
     if not closing:
         return None
     grid = np.geomspace(max(closing[0], closing[-1] / 30), closing[-1], _FITTED).tolist()
