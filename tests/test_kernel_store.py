@@ -5,6 +5,7 @@ import platform
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -14,8 +15,8 @@ import pytest
 from command import accepted
 from deltaid.dynamics import dynamics
 from deltaid.errors import DeltaidError
-from deltaid.kernel import machine_code, store
-from deltaid.kernel.batch import BatchKernel
+from deltaid.kernel import batch, machine_code, store
+from deltaid.kernel.batch import BatchKernel, Recurrence
 from deltaid.kernel.machine_code import VARIABLE, target
 
 X = np.random.default_rng(0).normal(size=(2, 37))
@@ -53,6 +54,20 @@ def test_a_kernel_is_compiled_once(folder: Path, compiled: list[str]) -> None:
     assert len(compiled) == len(list(folder.iterdir())) == 2
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
+
+
+def test_a_recurrence_is_no_kernel_of_the_same_graph(
+    folder: Path, compiled: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With one sample per instruction both have one graph; a recurrence reads what it writes."""
+    monkeypatch.setattr(batch, "target", lambda: replace(target(), width=1))
+    x, u = ca.SX.sym("x"), ca.SX.sym("u")
+    plain = BatchKernel(ca.vertcat(u, x), ca.vertcat(x + u, 2 * x))
+    recurrence = Recurrence(x, u, x + u, 2 * x)
+    assert len(compiled) == len(list(folder.iterdir())) == 2
+    np.testing.assert_array_equal(plain(np.ones((2, 3))), [[2.0] * 3, [2.0] * 3])
+    state, outputs = recurrence(np.zeros(1), np.ones((3, 1)))
+    assert (state.tolist(), outputs[:, 0].tolist()) == ([3.0], [0.0, 2.0, 4.0])
 
 
 def test_a_new_process_finds_it_and_its_functions(folder: Path) -> None:
