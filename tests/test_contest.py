@@ -205,6 +205,7 @@ def test_columns_of_structure_are_torques_of_what_free_leaves_out() -> None:
     assert 0.01 * columns[:, :, own] == pytest.approx(more - less, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_bodies_that_are_askew_are_fitted_with_all_their_entries() -> None:
     askew = case("askew", "delta4")
     judged = judge(askew, identified(askew))
@@ -225,7 +226,7 @@ def test_each_recording_has_a_block_of_every_drive() -> None:
     assert _blocks([Mock(spec=TracePoint, dof=3)] * 3, 1) == [1, 4, 7]
 
 
-@pytest.mark.parametrize("waves", [0.8, 1.3])
+@pytest.mark.parametrize("waves", [pytest.param(0.8, marks=pytest.mark.slow), 1.3])
 def test_torques_that_bend_along_a_stroke_are_waves_longer_than_a_tooth(waves: float) -> None:
     """A cable's pull over the stroke, on each drive another."""
     made = case("clean", "linear", 1)
@@ -276,6 +277,7 @@ def test_no_ripple_is_longer_than_any_that_is_searched() -> None:
     assert nearest_order([point], fit, 0, 2.0, searched) == 2.0
 
 
+@pytest.mark.slow
 def test_a_robot_without_friction_at_some_drives_identifies() -> None:
     made = case("clean", "delta3")
     friction = {"drive1": made.robot.friction["drive1"]}

@@ -38,7 +38,7 @@ def identified_case(row: str, kind: str) -> tuple[Case, Judged]:
 @pytest.mark.parametrize(
     ("row", "kind", "right"),
     [
-        ("load-half-undeclared", "delta4", 0.999),
+        pytest.param("load-half-undeclared", "delta4", 0.999, marks=pytest.mark.slow),
         ("load-cycles-undeclared", "linear", 0.99),
         # Friction that the description lacks explains more than the load.
         pytest.param("production-undeclared", "h4", 0.9, marks=pytest.mark.slow),
