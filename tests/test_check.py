@@ -56,6 +56,32 @@ def test_one_length_in_millimetres(tmp_path: Path) -> None:
     assert proposal.changes == (("limbs.platform_radius", 0.125),)
 
 
+def test_numbers_below_a_millimetre_stay_in_metres_beside_others_in_millimetres(
+    tmp_path: Path,
+) -> None:
+    changes = {"workspace.z": [-1150, -800], "workspace.radius": 0.5}
+    verdict = verdict_of(check(changed_file(tmp_path, changes)), "length-unit")
+    assert dict(verdict.proposals[0].changes) == {
+        "workspace.z[0]": -1.15, "workspace.z[1]": -0.8,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "words"),
+    [
+        ({"friction.drive1.coulomb": 1e9}, "friction-scale", "drive1 is 1e+09 N m at rest"),
+        ({"gear_stiffness": 5.0}, "gear-stiffness", "is 5 N m/rad"),
+        ({"gear_stiffness": {"drive2": 5.0}}, "gear-stiffness", "drive2 is 5 N m/rad"),
+    ],
+)
+def test_friction_and_gears_with_which_no_robot_moves(
+    changes: Data, key: str, words: str, tmp_path: Path
+) -> None:
+    verdict = verdict_of(check(changed_file(tmp_path, changes)), key)
+    assert verdict.grade is Grade.WRONG
+    assert words in verdict.seen
+
+
 @pytest.mark.parametrize(("given", "meant"), [([0, 0, -1], -9.81), ([0, 0, -1.62], None)])
 def test_gravity_in_g_is_named_with_the_line_that_corrects_it(
     given: list[float], meant: float | None, tmp_path: Path
@@ -83,14 +109,16 @@ def test_a_robot_a_thousand_times_too_small() -> None:
         ({"bodies.P.prior[0].mass": 1000.0}, {"bodies.P.prior[0].mass": 1.0}),  # in grams
         ({"bodies.P.prior[0].mass": None, "bodies.P.prior[0].density": 2.7},  # in g/cm³
          {"bodies.P.prior[0].density": 2700.0}),
+        ({"bodies.P.prior[0].mass": 1e6}, None),  # a thousandth is no mass of it either
         ({"bodies.U.prior[1].mass": 300.0}, {"bodies.U.prior[1].mass": 0.3}),  # of a point
     ],
 )  # fmt: skip
-def test_priors_out_of_scale(changes: Data, right: Data, tmp_path: Path) -> None:
+def test_priors_out_of_scale(changes: Data, right: Data | None, tmp_path: Path) -> None:
     found = check(changed_file(tmp_path, changes))
     verdict = verdict_of(found, "prior-scale")
     assert verdict.grade in (Grade.WRONG, Grade.DOUBTFUL)
-    assert dict(verdict.proposals[0].changes) == right
+    assert [dict(proposal.changes) for proposal in verdict.proposals] == ([right] if right else [])
+    assert ("in grams would fit" in verdict.cure) == (right == {"bodies.P.prior[0].mass": 1.0})
     if verdict.grade is Grade.WRONG:  # what follows from it is not said as well
         assert not [verdict for verdict in found if verdict.key == "torque-limit"]
 

@@ -32,7 +32,7 @@ def test_worst_cases_are_those_of_all_samples(folder: Path) -> None:
     model, motion = folder / "model.yaml", folder / "verify.csv"
     out = folder / "forces.csv"
     done = accepted("forces", model, motion, *OPTIONS, "-o", out, "--json")
-    assert done.err.startswith("note: model.yaml: Untested")
+    assert "note:" not in done.err  # the demonstration has verified it
     told = json.loads(done.out)
     rows = pl.read_csv(out)
     identified = with_struts(IdentifiedModel.load(model), SPACING, SPRING)
@@ -101,8 +101,7 @@ def test_what_cannot_be_is_refused(folder: Path) -> None:
     millimetres = refused(*command, "--strut-spacing", 80, folder=folder)
     assert "--strut-spacing: must lie between" in millimetres
     assert "would overwrite" in refused(*command, "-o", folder / "verify.csv", folder=folder)
-    page = folder / "a.html"
-    assert "--output" in refused(*command, "-o", page, "--report", page, folder=folder)
+    assert "must end in .csv" in refused(*command, "-o", folder / "a.html", folder=folder)
     other = refused(*command, "--logs", folder / "verify.csv", folder=folder)
     assert "is not a recording that the model was identified from" in " ".join(other.split())
     assert "identify.csv" in other

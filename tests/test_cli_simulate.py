@@ -16,6 +16,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.load import catalogue_text, load_robot
+from logs import tabled, write
 from support import along
 
 ROBOT = "clavel-delta3"
@@ -180,7 +181,7 @@ BAD = [
     ("simulate {m} motion.csv --elastic-gears", "how stiff the gear of drive1 is"),
     ("simulate {m} motion.csv -o motion.csv", "would overwrite an input"),
     ("simulate {m} motion.csv --report motion.txt", "must end in .html"),
-    ("simulate {m} motion.csv -o a.html --report a.html", "is the file of --output as well"),
+    ("simulate {m} motion.csv -o a.html", "must end in .csv"),
     ("compare-controllers {m} motion.csv --plant irb360-6-1600", "has 4 rotary"),
     ("compare-controllers {m} motion.csv --plant truth.yaml --report no/", "no/: is a folder"),
 ]
@@ -240,3 +241,12 @@ def test_a_motion_out_of_reach_of_rails_says_nothing_of_arms(tmp_path: Path) -> 
     (tmp_path / "motion.csv").write_text(f"t,q1,q2,q3\n{rows}", encoding="utf-8")
     said = refused("simulate", "linear-delta", tmp_path / "motion.csv", folder=tmp_path)
     assert "check sign, zero, unit and order of the drives and the robot's lengths" in said
+
+
+def test_a_plan_with_a_gap_is_refused_with_its_row(tmp_path: Path) -> None:
+    time = np.arange(0.0, 1.0, 0.002)
+    time[300:] += 3.0
+    q = 0.1 * np.sin(2 * time[:, None] + np.arange(3))
+    plan = write(tmp_path / "plan.csv", tabled(t=time, q=q))
+    error = refused("simulate", ROBOT, plan, folder=tmp_path)
+    assert "plan.csv: 1500 rows are missing before row 302" in error

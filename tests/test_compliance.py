@@ -221,6 +221,14 @@ def test_a_stiffness_that_is_stated_is_applied() -> None:
     assert mass_error(dynamics, fit(dynamics, setup.recordings, Settings()).p, p) < 0.003
 
 
+def test_a_stiffness_that_lets_gears_wind_up_by_their_whole_range_is_refused() -> None:
+    """As numbers per minute of arc are, or thousands."""
+    dynamics, _, table = wound(0.0)
+    robot = dynamics.robot.changed(gear_stiffness={"drive2": 5.0})
+    with pytest.raises(DeltaidError, match="is 5 N m/rad: recorded torques would wind the gear of"):
+        at_stage(robot, table, Settings(cutoff=15.0, friction="described", events=False))
+
+
 def test_nothing_is_looked_for_unless_asked() -> None:
     dynamics, _, table = wound()
     setup = at_stage(dynamics.robot, table, Settings(compliance="none", effects="none"))

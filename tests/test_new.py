@@ -84,6 +84,13 @@ def test_unusual_masses_are_doubted_and_written(tmp_path: Path) -> None:
     assert run("check", tmp_path / "mine.yaml").code == 3
 
 
+def test_unusual_rotors_are_doubted_and_written(tmp_path: Path) -> None:
+    done = accepted(*new(tmp_path, "--kind", "delta", *LENGTHS, "--rotor", "3"))
+    assert "rotor_inertia.drive1 is 3 kg m²" in done.err
+    assert "in doubt by `deltaid check`" in done.out
+    assert run("check", tmp_path / "mine.yaml").code == 3
+
+
 def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("name: precious\n", encoding="utf-8")

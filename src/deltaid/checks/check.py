@@ -17,7 +17,7 @@ from deltaid.checks.description import (
 )
 from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.information import checked_information, information_of, judged_information
-from deltaid.checks.priors import checked_measured, checked_priors, checked_rotors
+from deltaid.checks.priors import checked_inertia, checked_measured
 from deltaid.checks.proposals import confirmed, not_refuted
 from deltaid.checks.residual import checked_residual
 from deltaid.checks.sensing.sensors import checked_sensors
@@ -139,10 +139,7 @@ def of_robot(
     judged = [checked_lengths(as_written(robot)), checked_friction(robot), checked_limits(robot)]
     if recorded and judged[-1].grade is not Grade.GOOD:
         del judged[-1]
-    priors = checked_priors(robot)
-    if worst(priors) is Grade.GOOD:
-        priors = tuple(checked_rotors(robot)) or priors
-    judged += (*checked_gravity(robot), *priors, *checked_measured(robot))
+    judged += (*checked_gravity(robot), *checked_inertia(robot), *checked_measured(robot))
     if not quick and worst(judged) is not Grade.WRONG:
         judged += checked_workspace(robot)
     return tuple(judged)

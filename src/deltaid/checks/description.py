@@ -14,10 +14,12 @@ from deltaid.checks.evidence import WRONG_SCALE
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.limits import AtRest, Poses, kind_of_limit, torque_limits
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.windings import SOFTEST, UNITS_OF_STIFFNESS
 from deltaid.errors import KinematicsError
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, listed, percent
 from deltaid.recording.proposed_mapping import MOST_METRES
 from deltaid.robot.description import GRAVITY, RobotDescription
+from deltaid.robot.friction import Friction
 
 # Start values of unmeasured friction: Coulomb friction as a share of the gravity torque, and the
 # speed [rad/s or m/s] at which viscous friction equals it.
@@ -45,10 +47,14 @@ _CUT = Fault(
     "is wrong",
 )
 _HOLDS = Fault("torque-limit", "of the limit")
+_STUCK = Fault("friction-scale", "of the limit", "friction in another unit or of the motor's side")
+_GEARS = Fault("gear-stiffness", "of the range", "a stiffness in another unit")
 # Least length of arm and strut together [m]: the smallest Deltas have some 20 mm.
 _DWARF = 0.005
 # Largest ratio of a limb's length to another length of the robot.
 _SMALL = 250.0
+# Least number that is a length in millimetres: no part of a robot is shorter.
+_MILLIMETRE = 1.0
 _METRES = Fault("length-unit", "m")
 # Sizes of a gravity that is given in g, not in m/s²: no place on a planet or moon has them.
 _IN_G = (0.9, 1.1)
@@ -84,9 +90,13 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
     small, large = size < _DWARF, size > MOST_METRES
     factor, unit = (1e3, "divided by 1000 once too often") if small else (1e-3, "in millimetres")
     size *= factor if small or large else 1.0
+    least = 0.0 if small or large else _MILLIMETRE  # limbs in metres: most numbers are
     groups = [group for group in groups if _longest(group) > 0] + [[length] for length in limbs]
     low, high = (size / _SMALL, np.inf) if small else (0.0, WRONG_SCALE * size)
-    wrong = [length for group in groups if not low <= _longest(group) <= high for length in group]
+    wrong = [
+        length for group in groups if not low <= _longest(group) <= high
+        for length in group if abs(length[1]) >= least
+    ]  # fmt: skip
     if not wrong:
         return _METRES.good(f"limbs of {size:.3g} m; all lengths go with it", size)
     path, value = max(wrong, key=lambda length: abs(length[1]))
@@ -170,6 +180,30 @@ def checked_friction(robot: RobotDescription) -> Verdict:
     )
 
 
+def _starting(law: Friction) -> float:
+    """Friction that a drive must overcome to start [N m or N]."""
+    near_rest = (law.stribeck, law.hess_soom)
+    coulomb = min(law.coulomb, law.coulomb if law.both_ways else law.coulomb_back or 0.0)
+    return coulomb + sum(term.coefficient for term in near_rest if term is not None)
+
+
+def _stuck(robot: RobotDescription, limits: dict[int, float]) -> Iterator[Verdict]:
+    """A verdict on friction that no motor overcomes."""
+    laws = {i: robot.friction.get(robot.drives[i]) for i in limits}
+    use = {i: _starting(law) / limits[i] for i, law in laws.items() if law is not None}
+    if stuck := [i for i in use if use[i] > 1]:
+        i = max(stuck, key=lambda i: use[i])
+        units = robot.units(robot.drives[i])
+        yield _STUCK.judged(
+            f"friction of {robot.drives[i]} is {use[i] * limits[i]:.3g} {units.force} at rest, and "
+            f"the drive may do {limits[i]:.3g} {units.force}: it could not start",
+            listed([robot.drives[k] for k in stuck]),
+            use[i],
+            grade=Grade.WRONG,
+            cure=f"give friction in {units.force} at the joint; check the {units.effort} limit",
+        )
+
+
 def _law(robot: RobotDescription, drive: str) -> dict[str, float]:
     """Friction of a drive of the same kind; otherwise from the gravity torque."""
     slides = robot.is_linear(drive)
@@ -220,8 +254,13 @@ def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
     poses = robot(_points(description))
     yield _cut(robot, poses)
     limits = torque_limits(description)
-    if limits and np.any(poses.stands):
-        yield _held(description, poses, limits)
+    if np.any(poses.stands):
+        if limits:
+            held = _held(description, poses, limits)
+            yield held
+            if held.grade is Grade.GOOD:  # else the limit is too low
+                yield from _stuck(description, limits)
+        yield from _wound_up(description, poses, limits)
 
 
 def _points(robot: RobotDescription) -> Float[np.ndarray, "points dof"]:
@@ -291,3 +330,24 @@ def _held(robot: RobotDescription, poses: Poses, limits: dict[int, float]) -> Ve
         "masses that are too large",
         cure=f"give {units.effort} in drive_limits in {units.force} at the joint; check the masses",
     )
+
+
+def _wound_up(robot: RobotDescription, poses: Poses, limits: dict[int, float]) -> Iterator[Verdict]:
+    """A verdict on gears that would wind up by a large part of their drives' ranges."""
+    largest = np.abs(poses.torque[poses.stands]).max(axis=0)
+    largest[list(limits)] = np.maximum(largest[list(limits)], list(limits.values()))
+    stiffness = np.array([robot.stiffness(drive) for drive in robot.drives])
+    windup, moves = largest / stiffness, np.ptp(poses.q[poses.stands], axis=0)
+    soft = np.flatnonzero(windup > SOFTEST * moves)
+    if soft.size:
+        i = max(soft, key=lambda i: windup[i] / moves[i])
+        drive, units = robot.drives[i], robot.units(robot.drives[i])
+        yield _GEARS.judged(
+            f"gear_stiffness of {drive} is {stiffness[i]:.3g} {units.stiffness}: "
+            f"{largest[i]:.3g} {units.force} would wind the gear up by {windup[i]:.3g} "
+            f"{units.coordinate}, and the drive moves by {moves[i]:.3g} {units.coordinate}",
+            listed([robot.drives[k] for k in soft]),
+            float(windup[i] / moves[i]),
+            grade=Grade.WRONG,
+            cure=UNITS_OF_STIFFNESS[robot.is_linear(drive)],
+        )

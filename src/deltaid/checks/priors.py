@@ -50,6 +50,13 @@ _MEASURED = Fault("measured-scale")
 _ROTOR = Fault("prior-scale", "of the robot's inertia")
 
 
+def checked_inertia(robot: RobotDescription) -> tuple[Verdict, ...]:
+    """Verdicts on bodies, and on rotors if all bodies are possible."""
+    bodies = checked_priors(robot)
+    possible = all(verdict.grade is Grade.GOOD for verdict in bodies)
+    return (possible and tuple(checked_rotors(robot))) or bodies
+
+
 def checked_priors(robot: RobotDescription) -> tuple[Verdict, ...]:
     """A verdict on each body with an impossible prior, or one that all are possible."""
     poor = list[Verdict | None]()
@@ -79,7 +86,7 @@ def _shape(
         change, cure = (f"{path}.mass", mass / 1000), "give kilograms and metres"
         if by_density:
             cause, change = "a density in g/m³", (f"{path}.density", density / 1000)
-        fits = density / 1000 > _LIGHTEST
+        fits = _LIGHTEST < density / 1000 <= _DENSEST
         cure += "; the same number in grams would fit" * fits
     else:
         seen, cause = "even foam has more", "a mass in tonnes, or radii that are too large"

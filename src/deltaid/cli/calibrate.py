@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import deltaid
-from deltaid.cli.options import AsJson, Report, Robot, bounded, names, output_file
+from deltaid.cli.options import YAML, AsJson, Report, Robot, bounded, names, output_file
 from deltaid.cli.output import (
     SCREEN,
     console,
@@ -50,7 +50,10 @@ def calibrate(
     output: Annotated[
         Path | None,
         output_file(
-            "--output", "-o", help="Robot file to write, with the calibrated geometry (YAML)."
+            "--output",
+            "-o",
+            help="Robot file to write, with the calibrated geometry (YAML).",
+            endings=YAML,
         ),
     ] = None,
     klipper: Annotated[

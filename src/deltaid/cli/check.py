@@ -12,6 +12,7 @@ from rich.table import Column, Table
 
 import deltaid
 from deltaid.cli.options import (
+    YAML,
     AsJson,
     ColumnFiles,
     Cutoff,
@@ -54,7 +55,8 @@ def columns(
         str | None, typer.Argument(help="Catalogue name or file of the robot.")
     ] = None,
     output: Annotated[
-        Path | None, output_file("--output", "-o", help="Mapping file to write (YAML).")
+        Path | None,
+        output_file("--output", "-o", help="Mapping file to write (YAML).", endings=YAML),
     ] = None,
     unit: Annotated[
         list[str] | None,
@@ -177,7 +179,8 @@ def check(
     columns: ColumnFiles = None,
     cutoff: Cutoff = None,
     write: Annotated[
-        Path | None, output_file(help="Robot file or mapping to write, with all proposed fixes.")
+        Path | None,
+        output_file(help="Robot file or mapping to write, with all proposed fixes.", endings=YAML),
     ] = None,
     report: Report = None,
     keep_all: KeepAll = False,

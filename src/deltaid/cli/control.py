@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import deltaid
-from deltaid.cli.options import AsJson, Columns, ModelOrRobot, Report, UsePoor, output_file
+from deltaid.cli.options import CSV, AsJson, Columns, ModelOrRobot, Report, UsePoor, output_file
 from deltaid.cli.output import (
     console,
     print_found,
@@ -90,7 +90,9 @@ def simulate(
     columns: Columns = None,
     output: Annotated[
         Path | None,
-        output_file("--output", "-o", help="CSV file to write, with motion and torques."),
+        output_file(
+            "--output", "-o", help="CSV file to write, with motion and torques.", endings=CSV
+        ),
     ] = None,
     report: Report = None,
     force: UsePoor = False,

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 import deltaid
-from deltaid.cli.options import AsJson, Full, Report, Robot, UsePoor, bounded, output_file
+from deltaid.cli.options import CSV, AsJson, Full, Report, Robot, UsePoor, bounded, output_file
 from deltaid.cli.output import (
     note_planned,
     print_outcome,
@@ -34,11 +34,14 @@ _ACCOUNT = (
 def excite(
     robot: Robot,
     output: Annotated[
-        Path | None, output_file("--output", "-o", help="CSV file to write, with the motion.")
+        Path | None,
+        output_file("--output", "-o", help="CSV file to write, with the motion.", endings=CSV),
     ] = None,
     verify_out: Annotated[
         Path | None,
-        output_file(help="CSV file to write, with a second motion to verify the model."),
+        output_file(
+            help="CSV file to write, with a second motion to verify the model.", endings=CSV
+        ),
     ] = None,
     criterion: Annotated[CriterionName, typer.Option(help="Optimality criterion.")] = "logdet",
     by: Annotated[

@@ -12,6 +12,7 @@ from deltaid.cli.gather import are_factor_files, compared, in_folders, require_o
 from deltaid.cli.identified import as_dictionary, error_dictionary, print_result
 from deltaid.cli.options import (
     CORRECTIONS,
+    YAML,
     AsJson,
     ColumnFiles,
     Columns,
@@ -63,7 +64,7 @@ def identify(
         ),
     ],
     output: Annotated[
-        Path | None, output_file("--output", "-o", help="Model file to write (YAML).")
+        Path | None, output_file("--output", "-o", help="Model file to write (YAML).", endings=YAML)
     ] = None,
     verify: Annotated[
         Path | None, typer.Option(help="Recording of another motion to test the model on.")

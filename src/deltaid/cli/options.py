@@ -12,15 +12,26 @@ from deltaid.errors import DeltaidError, positive, within
 from deltaid.model.options import ComplianceChoice, lag_of
 
 
-def output_file(*names: str, help: str) -> Any:
-    """An option with the name of a file to write; missing folders are made when it is written."""
-    return typer.Option(*names, help=help, metavar="PATH", parser=_file, autocompletion=_complete)
+def output_file(*names: str, help: str, endings: tuple[str, ...] = ()) -> Any:
+    """An option with the name of a file to write; missing folders are made when it is written.
+
+    Args:
+        endings: of a name that has one, so that no other kind of file is replaced.
+    """
+
+    def file(text: str) -> Path:
+        path = Path(text)
+        if text.endswith(("/", os.sep)):
+            raise DeltaidError("is a folder; give the name of a file", where=text)
+        if endings and path.suffix and path.suffix.lower() not in endings:
+            raise DeltaidError(f"must end in {' or '.join(endings)}", where=text)
+        return path
+
+    return typer.Option(*names, help=help, metavar="PATH", parser=file, autocompletion=_complete)
 
 
-def _file(text: str) -> Path:
-    if text.endswith(("/", os.sep)):
-        raise DeltaidError("is a folder; give the name of a file", where=text)
-    return Path(text)
+# Endings of robots, models and mappings, and of tables.
+YAML, CSV = (".yaml", ".yml"), (".csv",)
 
 
 def _complete(incomplete: str) -> list[str]:

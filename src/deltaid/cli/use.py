@@ -7,6 +7,7 @@ import typer
 
 import deltaid
 from deltaid.cli.options import (
+    CSV,
     AsJson,
     Columns,
     Full,
@@ -38,7 +39,7 @@ def torque(
     log: Annotated[
         Path, typer.Argument(help="Recording or planned motion, in any supported format.")
     ],
-    output: Annotated[Path, output_file("--output", "-o", help="CSV file to write.")],
+    output: Annotated[Path, output_file("--output", "-o", help="CSV file to write.", endings=CSV)],
     columns: Columns = None,
     periodic: Annotated[
         bool,
@@ -81,7 +82,9 @@ def forces(
     ] = None,
     output: Annotated[
         Path | None,
-        output_file("--output", "-o", help="CSV file to write, with all forces over time."),
+        output_file(
+            "--output", "-o", help="CSV file to write, with all forces over time.", endings=CSV
+        ),
     ] = None,
     strut_spacing: Annotated[
         float | None,

@@ -87,7 +87,7 @@ def open_trajectory(
     end at rest is continued at rest; an end in motion is cut by the filter's length.
 
     Raises:
-        RecordingError: the file cannot be used, its time restarts, or it has too few samples.
+        RecordingError: the file cannot be used, its time restarts, it has a gap or too few samples.
     """
     log = open_log(path, kinematics, mapping, need_torque=False)
     seen, cause, _ = restarted(log.clock, log.table, log.columns.time.column)
@@ -97,6 +97,14 @@ def open_trajectory(
             where=str(path),
             cure="give a file with one of them",
         )
+    # A spline bridges fewer missing rows than its degree.
+    for row, lost in zip(log.clock.holes.tolist(), log.clock.lost.tolist(), strict=True):
+        if lost >= _DEGREE:
+            raise RecordingError(
+                f"{lost} rows are missing before {log.table.row_name(log.table.first_row + row)}",
+                where=str(path),
+                cure="give a motion without gaps, or a part of it between them",
+            )
     recording = planned(log)
     parts = [(part.time, kinematics.inverse(part.z)) for part in motion_of(recording, kinematics)]
     time, q = (np.concatenate(part) for part in zip(*parts, strict=True))

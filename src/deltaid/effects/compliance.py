@@ -26,6 +26,8 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.lag_columns import late
 from deltaid.effects.lag_groups import agree, common_lag
 from deltaid.effects.windings import (
+    SOFTEST,
+    UNITS_OF_STIFFNESS,
     USUAL,
     Compliance,
     Groups,
@@ -36,6 +38,7 @@ from deltaid.effects.windings import (
     parameters,
     rows_of,
 )
+from deltaid.errors import DescriptionError
 from deltaid.estimation.drive_rows import RecordingRows, TraceRows, stretch_starts
 from deltaid.estimation.traces import Trace
 from deltaid.levels import CERTAIN, LIKELY, NEAR, SWEEPS
@@ -48,8 +51,6 @@ _BETTER = 0.5 * CERTAIN
 _HOPEFULLY_BETTER = 0.5 * _BETTER
 # Start values: windup at a drive's largest torque as a share of its range, from the usual one up.
 _SHARES = USUAL * 2.0 ** np.arange(7)
-# Largest windup of any gear, by the same share: beyond it the linearisation is meaningless.
-_SOFTEST = 4.0 * _SHARES[-1]
 # Step of finite differences: windup at a drive's largest torque [rad or m].
 LITTLE = 1e-4
 
@@ -72,6 +73,7 @@ def compliances(
         stated: s where the description states it, NaN where it is to be estimated.
     """
     fit = _Fit(tuple(traces), rows, np.nan_to_num(stated))
+    fit.require_linear()
     _, p = fitted(rows, traces)
     residuals, p = fit.residuals(fit.known, p)
     none = np.zeros(0)
@@ -104,6 +106,20 @@ class _Fit:
     traces: tuple[Trace, ...]
     rows: TraceRows
     known: Compliance
+
+    def require_linear(self) -> None:
+        """Refuse stated gears that the recorded torques would wind up by a large part of the
+        drives' ranges."""
+        robot, share = self.rows.dynamics.robot, self.known / self._softer
+        i = int(np.argmax(share))
+        if share[i] > SOFTEST:
+            units = robot.units(robot.drives[i])
+            raise DescriptionError(
+                f"is {1 / self.known[i]:.3g} {units.stiffness}: recorded torques would "
+                f"wind the gear of {robot.drives[i]} up by {share[i]:.2g} of its range",
+                where="gear_stiffness",
+                cure=UNITS_OF_STIFFNESS[robot.is_linear(robot.drives[i])],
+            )
 
     def windings(self, p: Parameters) -> list[Windings]:
         robot, filters = self.rows.dynamics.robot, [trace.low_pass for trace in self.traces]
@@ -164,7 +180,7 @@ class _Fit:
         dof, count = S.shape
         sizes = np.linalg.lstsq(S, np.where(S.any(axis=1), start - self.known, 0.0), rcond=None)[0]
         little, first = LITTLE / (S.T @ self._largest), self.rows.size
-        softest = _SOFTEST * np.min(np.where(S > 0, self._softer[:, None], np.inf), axis=0)
+        softest = SOFTEST * np.min(np.where(S > 0, self._softer[:, None], np.inf), axis=0)
         covariance = np.zeros((count + dof, count + dof))
         for _ in range(most):
             s = self.known + S @ sizes

@@ -38,6 +38,13 @@ _CAUSES = (len(SHAPES), 1, 2, 2)
 _FREE = sum(_CAUSES)
 # Usual windup of gears at a drive's largest torque, as a share of the drive's range.
 USUAL = 1e-3
+# Largest windup of a gear, by the same share: beyond it the linearisation is meaningless.
+SOFTEST = 256 * USUAL
+# What a stiffness at the joint is in other units, for rotary and linear drives.
+UNITS_OF_STIFFNESS = {
+    False: "give it in N m/rad at the joint; 1 N m/arcmin is 3438 N m/rad",
+    True: "give it in N/m at the rail; 1 N/µm is 1e6 N/m",
+}
 # A compliance is reported to look like a lag from this correlation.
 _ALIKE = 0.9
 

@@ -87,7 +87,7 @@ class NoiseBlock:
 
 
 @dataclass(frozen=True, eq=False)
-class WeightedRows:
+class WeightedBlocks:
     """Blocks of rows at some levels of noise, and rows D x = d of a prior.
 
     Attributes:

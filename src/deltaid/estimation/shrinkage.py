@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.linalg.lapack import dtrtri
 
-from deltaid.estimation.causes import CauseColumns, NoiseBlock, WeightedRows
+from deltaid.estimation.causes import CauseColumns, NoiseBlock, WeightedBlocks
 from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.problem import Columns, Rows, group_sums
 from deltaid.estimation.scatter import scaled_cholesky, surprise
@@ -47,7 +47,7 @@ class Shrunk:
         held: coefficients of the other columns, and zeros.
     """
 
-    rows: WeightedRows
+    rows: WeightedBlocks
     groups: tuple[CauseColumns, ...]
     alpha: Float[np.ndarray, " groups"]
     free: Int[np.ndarray, " free"]
@@ -58,7 +58,7 @@ class Shrunk:
         cls, blocks: Sequence[NoiseBlock], D: Columns, d: Rows, groups: Sequence[CauseColumns]
     ) -> "Shrunk":
         """The maximum of evidence, starting from scales and noise of 1."""
-        n, rows = D.shape[1], WeightedRows(tuple(blocks), D, d, np.ones(len(blocks)))
+        n, rows = D.shape[1], WeightedBlocks(tuple(blocks), D, d, np.ones(len(blocks)))
         start = cls(rows, tuple(groups), np.ones(len(groups)), np.arange(n), np.zeros(n))
         now = start._settled()
         bounded = tuple(group.held(now.x) for group in now.groups)

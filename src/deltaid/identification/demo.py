@@ -68,15 +68,15 @@ def demonstrate(
         write_recording(recording, folder / f"{name}.csv")
     result = identify(robot, [folder / "identify.csv"], progress=progress)
     progress("verifying")
-    verification, _ = validate(result.model, folder / "verify.csv")
-    result.model.save(folder / "model.yaml")
+    verification = validate(result.model, folder / "verify.csv")
+    verification.noted(result.model).save(folder / "model.yaml")
     z, _, _ = motions[1].evaluate(np.linspace(0, motions[1].period, 500))
     diagonal, off_diagonal = mass_matrix_error(dynamics, z, truth, result.model.p)
     friction = slice(dynamics.layout.viscous.start, dynamics.layout.coulomb.stop)
     return Demonstration(
         truth=truth,
         identification=result,
-        verification=verification,
+        verification=verification.error,
         mass_error_diagonal=diagonal,
         mass_error_off_diagonal=off_diagonal,
         friction_error=float(np.max(np.abs(result.model.p[friction] / truth[friction] - 1))),

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 from deltaid.checks.check import of_robot
 from deltaid.checks.description import checked_workspace
-from deltaid.checks.priors import checked_priors
+from deltaid.checks.priors import checked_inertia, checked_priors
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription
@@ -107,7 +107,7 @@ def description(draft: Draft) -> RobotDescription:
 
 def unusual(draft: Draft) -> tuple[str, ...]:
     """Doubts of `deltaid check` about a draft's masses, which may be right nevertheless."""
-    verdicts = checked_priors(description(draft))
+    verdicts = checked_inertia(description(draft))
     return tuple(f"{v.subject}: {v.seen}; {v.cure}" for v in verdicts if v.grade is not Grade.GOOD)
 
 
