@@ -19,12 +19,7 @@ from pydantic import TypeAdapter
 from deltaid.checksum import is_intact, sealed_archive
 from deltaid.estimation.information import Information
 from deltaid.fleets.drift_friction import FrictionSums, friction_sums
-from deltaid.fleets.factor_record import (
-    FactorGroups,
-    RecordingBrief,
-    entries_of,
-    triangles_of,
-)
+from deltaid.fleets.factor_record import FactorGroups, RecordingBrief, entries_of, triangles_of
 from deltaid.fleets.merged import Independent, MergedPart, Merging, stacked
 from deltaid.identification.geometric_rows import GeometricRows
 

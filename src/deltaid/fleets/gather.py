@@ -16,9 +16,7 @@ from deltaid.effects.load_columns import LoadColumns
 from deltaid.estimation.information import Information, merge, triangle
 from deltaid.estimation.scatter import PlaceSums
 from deltaid.fleets.factor_columns import GatheredColumns, map_to, plain
-from deltaid.fleets.factor_file import (
-    FactorFile,
-)
+from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.factor_record import (
     FactorGroups,
     FactorRecord,

@@ -7,13 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from deltaid.errors import DeltaidError
-from deltaid.fleets.factor_file import (
-    ENDING,
-    digest,
-    gathering_digest,
-    safe,
-    write,
-)
+from deltaid.fleets.factor_file import ENDING, digest, gathering_digest, safe, write
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.place import Place
 from deltaid.identification.fit import Progress

@@ -16,13 +16,7 @@ from deltaid.estimation.scatter import ROBUST
 from deltaid.fleets.drift_evidence import FEWEST, Changes
 from deltaid.fleets.drift_findings import Between, DriftFinding, DriftSettings, finding
 from deltaid.fleets.drift_friction import FrictionSeries, friction_series
-from deltaid.fleets.drift_series import (
-    FLAT,
-    Regressors,
-    evidence_of,
-    explained,
-    in_percent,
-)
+from deltaid.fleets.drift_series import FLAT, Regressors, evidence_of, explained, in_percent
 from deltaid.fleets.factor_file import FactorFile
 from deltaid.fleets.factor_record import RecordingBrief
 from deltaid.fleets.fleet import DATE, date_within

@@ -18,12 +18,7 @@ from deltaid.fleets.gather_all import gather_again, gather_all, recordings_table
 from deltaid.fleets.gather_plan import GatherPlan, GatherResult, with_cutoffs
 from deltaid.fleets.place import BEFORE, JOURNAL, QUARANTINE, RECORDINGS, Place
 from deltaid.fleets.site.site import SITE, write_site
-from deltaid.fleets.step import (
-    Call,
-    FleetStep,
-    JobResult,
-    run_chains,
-)
+from deltaid.fleets.step import Call, FleetStep, JobResult, run_chains
 from deltaid.fleets.steps import (
     DRIFTS,
     FITS,

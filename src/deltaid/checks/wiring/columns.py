@@ -6,12 +6,7 @@ import numpy as np
 
 from deltaid.checks.evidence import WRONG_SCALE, Values
 from deltaid.checks.wiring.candidate import LITTLE
-from deltaid.checks.wiring.explained import (
-    INERTIA,
-    RemappedRecording,
-    in_unit,
-    overall,
-)
+from deltaid.checks.wiring.explained import INERTIA, RemappedRecording, in_unit, overall
 from deltaid.checks.wiring.residual import UNIT, Map
 from deltaid.checks.wiring.search import SMALLEST
 from deltaid.checks.wiring.velocity import rates

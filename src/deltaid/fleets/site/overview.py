@@ -6,23 +6,9 @@ import polars as pl
 
 from deltaid.errors import few
 from deltaid.fleets.site.friction_panel import MAIN, friction_panel
-from deltaid.fleets.site.parts import (
-    LIKE,
-    MOST,
-    NOTHING,
-    WORDS,
-    bounds,
-    cell,
-    ended,
-    grid,
-)
+from deltaid.fleets.site.parts import LIKE, MOST, NOTHING, WORDS, bounds, cell, ended, grid
 from deltaid.fleets.site.state import UNKNOWN, Robot, Tables, Urgency, day
-from deltaid.fleets.site.type_page import (
-    deviations,
-    foreign_count,
-    levels,
-    type_section,
-)
+from deltaid.fleets.site.type_page import deviations, foreign_count, levels, type_section
 from deltaid.grouping import grouped
 from deltaid.view.numbers import FEW, number, percent
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust

@@ -16,9 +16,7 @@ from deltaid.fleets.place import Place
 from deltaid.fleets.site.overview import overview
 from deltaid.fleets.site.robot_page import robot_page
 from deltaid.fleets.site.state import Tables, robots_of, with_spreads
-from deltaid.fleets.site.type_page import (
-    type_page,
-)
+from deltaid.fleets.site.type_page import type_page
 from deltaid.view.html import contents, environment, part
 from deltaid.view.page import Page
 

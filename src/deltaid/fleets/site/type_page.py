@@ -6,17 +6,7 @@ from collections.abc import Mapping, Sequence
 import polars as pl
 
 from deltaid.errors import few
-from deltaid.fleets.site.parts import (
-    LIKE,
-    MOST,
-    NOTHING,
-    Data,
-    Panel,
-    cell,
-    grid,
-    known,
-    numbers,
-)
+from deltaid.fleets.site.parts import LIKE, MOST, NOTHING, Data, Panel, cell, grid, known, numbers
 from deltaid.fleets.site.state import FOREIGN, Robot, Tables, Urgency, day
 from deltaid.view import style
 from deltaid.view.numbers import number, span
