@@ -106,7 +106,7 @@ def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
     if recording is not None:
         yield _clock(evidence, recording.log)
         yield from _saturation(evidence, recording.log)
-        yield _standing(evidence, recording.log)
+        yield _standing(recording.log)
     if evidence.rows.tau.shape[1] and _is_long(evidence):
         yield from _torque(evidence)
 
@@ -179,11 +179,10 @@ def _is_long(evidence: Evidence) -> bool:
 
 
 def _moving(evidence: Evidence) -> Bool[np.ndarray, " drives"]:
-    """Whether each drive moves, compared with others of its kind; none for a robot at rest."""
-    robot, span = evidence.robot, evidence.moved
-    slides = np.array(robot.linear_drives)
+    """Whether each drive moves, compared with others of its kind."""
+    slides, span = np.array(evidence.robot.linear_drives), evidence.moved
     largest = np.where(slides, span[slides].max(initial=0.0), span[~slides].max(initial=0.0))
-    return (span > RESTS * largest) & (not evidence.stands)
+    return span > RESTS * largest
 
 
 def _clock(evidence: Evidence, log: Log) -> Verdict:
@@ -252,10 +251,8 @@ def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
             yield _SATURATION.judged(seen, drive, 100 * share)
 
 
-def _standing(evidence: Evidence, log: Log) -> Verdict:
+def _standing(log: Log) -> Verdict:
     share = min(_excluded(log, _AT_REST))
-    if evidence.stands:
-        return _STANDING.judged("the robot stands still all the time", "", 100.0)
     excluded = "; these rows are excluded" if share > _RESTING else ""
     seen = f"the robot rests for {percent(share)} of the time{excluded}"
     return _STANDING.judged(seen, "", 100 * share, grade=graded(share, _RESTING))
