@@ -6,7 +6,7 @@ the least-squares residual is small (`residual`, `search`). All verdicts refer t
 their own (`zeros`), velocities are compared with derivatives of positions (`velocity`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 
@@ -136,20 +136,18 @@ def _refuse_copies(evidence: Evidence) -> None:
             )
 
 
-def _other_drives(evidence: Evidence) -> tuple[Verdict, ...]:
+def _other_drives(evidence: Evidence) -> Iterator[Verdict]:
     extra = extra_drives(evidence.table, evidence.columns, evidence.mapping, evidence.dynamics.dof)
-    if not extra:
-        return ()
-    seen = f"the log {extra}"
-    return (Verdict("drive-count", Grade.DOUBTFUL, seen, "", OTHER_ROBOT, ITS_ROBOT),)
+    if extra:
+        seen = f"the log {extra}"
+        yield Verdict("drive-count", Grade.DOUBTFUL, seen, "", OTHER_ROBOT, ITS_ROBOT)
 
 
 def _correlations(numbers: np.ndarray) -> np.ndarray:
     """Correlations of columns; 0 for constant ones."""
-    centred = numbers - numbers.mean(axis=0) if len(numbers) else numbers
-    if len(numbers):  # which rounding of the mean leaves
-        centred[:, np.ptp(numbers, axis=0) == 0] = 0.0
-    unit = centred / lengths(centred)
+    if len(numbers):  # rounding of the mean leaves something of constant columns
+        numbers = (numbers - numbers.mean(axis=0)) * (np.ptp(numbers, axis=0) > 0)
+    unit = numbers / lengths(numbers)
     return unit.T @ unit
 
 
@@ -163,7 +161,7 @@ def _of_recording(
         log.unrelated or log.best.unexplained > SENSIBLE[1] or log.least_correlation < UNRELATED
     )
     if log.best.closes and not verdicts:
-        verdicts += _upside_down(log) or ([_senseless(log)] if senseless else [])
+        verdicts += [*_upside_down(log)] or ([_senseless(log)] if senseless else [])
     verdicts += zero_verdicts(log) if worst(verdicts) is not Grade.WRONG else ()
     verdicts += velocity_verdicts(log)
     if worst(verdicts) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
@@ -176,19 +174,19 @@ def _of_recording(
     return tuple(verdicts[len(common or ()) :])
 
 
-def _upside_down(log: RemappedRecording) -> list[Verdict]:
+def _upside_down(log: RemappedRecording) -> Iterator[Verdict]:
     """A verdict where torques go with gravity that is opposite to the described one."""
     robot, gravity = log.evidence.robot, [0.0 - g for g in log.evidence.robot.gravity]
     if log.least_correlation >= SENSIBLE[0]:
-        return []
+        return
     turned = compiled(robot.changed(gravity=tuple(gravity)))
     again = residual(turned, log.motion, log.best.map)
     along = (
         replace(log, good=(replace(log.best, residual=again),)).least_correlation if again else -1.0
     )
     if along < SENSIBLE[0]:
-        return []
-    verdict = Verdict(
+        return
+    yield Verdict(
         "homing-or-tilt",
         Grade.WRONG,
         f"torques go with gravity in the opposite direction: {along:.2g} is then their least "
@@ -199,7 +197,6 @@ def _upside_down(log: RemappedRecording) -> list[Verdict]:
         proposals=(Proposal("robot", (("gravity", gravity),)),),
         number=along,
     )
-    return [verdict]
 
 
 def _senseless(log: RemappedRecording) -> Verdict:
