@@ -1,5 +1,6 @@
 """Friction of a drive over time as a panel: recordings, changes, trends, limits."""
 
+from collections.abc import Iterator
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -124,10 +125,9 @@ def _step(row: Row, series: pl.DataFrame) -> list[Data]:
     ]
 
 
-def _limit(row: Row, first: datetime, last: datetime) -> list[Data]:
-    if row["limit"] is None:
-        return []
-    return [_line("limit", [first, last], [row["limit"]] * 2, style.LIMIT, "dash")]
+def _limit(row: Row, first: datetime, last: datetime) -> Iterator[Data]:
+    if row["limit"] is not None:
+        yield _line("limit", [first, last], [row["limit"]] * 2, style.LIMIT, "dash")
 
 
 def _line(name: str, times: list[datetime], y: list[Any], color: str, dash: str) -> Data:

@@ -63,7 +63,7 @@ def overview(
             Section("Robots", (_robots(robots, links, labels),), "all of them", unfolded=True),
             *levels(tables, robots, labels),
             *deviations(tables, labels),
-            *type_section(tables, robots, types, labels),
+            type_section(tables, robots, types, labels),
             *_quarantine(bad),
         ),
     )

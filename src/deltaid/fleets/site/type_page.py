@@ -1,7 +1,7 @@
 """Sections of types on the fleet's page, and the page of each type: mean, differences, outliers."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import polars as pl
 
@@ -16,15 +16,12 @@ _EVERY = "Friction of every drive of every robot; a dot is a robot."
 _LEVELS = "level of every drive"
 
 
-def levels(
-    tables: Tables, robots: Sequence[Robot], labels: Mapping[str, str]
-) -> tuple[Section, ...]:
+def levels(tables: Tables, robots: Sequence[Robot], labels: Mapping[str, str]) -> Iterator[Section]:
     panels = [_levels(tables, robots, kind, label) for kind, label in labels.items()]
     panels = [panel for panel in panels if panel.traces[0]["x"]][:MOST]
-    if not panels:
-        return ()
-    figure = grid(panels, columns=min(len(panels), 3), row=300)
-    return (Section("Friction of the fleet", (Chart(figure, _EVERY),), f"{_LEVELS}, by type"),)
+    if panels:
+        figure = grid(panels, columns=min(len(panels), 3), row=300)
+        yield Section("Friction of the fleet", (Chart(figure, _EVERY),), f"{_LEVELS}, by type")
 
 
 def _levels(tables: Tables, robots: Sequence[Robot], kind: str, title: str) -> Panel:
@@ -68,7 +65,7 @@ def type_section(
     robots: Sequence[Robot],
     types: Mapping[str, str],
     labels: Mapping[str, str],
-) -> tuple[Section, ...]:
+) -> Section:
     count = Counter(robot.type for robot in robots)
     means = Counter(tables["types"]["type"])
     foreign = {x: foreign_count([robot for robot in robots if robot.type == x]) for x in types}
@@ -78,7 +75,7 @@ def type_section(
         rows,
         links=tuple(types.values()),
     )
-    return (Section("Types", (table,), "what the fleet knows of each"),)
+    return Section("Types", (table,), "what the fleet knows of each")
 
 
 def type_page(
