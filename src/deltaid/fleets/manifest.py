@@ -17,7 +17,7 @@ import polars as pl
 from pydantic import Field, field_validator
 
 from deltaid.errors import DescriptionError, nearest, quoted
-from deltaid.fleets.store import is_address, read
+from deltaid.fleets.store import is_address, is_folder, read
 from deltaid.model.options import Period
 from deltaid.recording.source import POLARS_ERRORS, first_line
 from deltaid.robot.load import parse
@@ -121,7 +121,7 @@ def read_manifest(name: str) -> Manifest:
         DescriptionError: it cannot be read, or is wrong, with line or row, and key.
     """
     cure = "give the YAML, CSV or Parquet file of a fleet"
-    if not is_address(name) and os.path.isdir(name):
+    if is_folder(name):
         raise DescriptionError("is a folder, not a file", where=name, cure=cure)
     data = read(name)
     if data is None:
