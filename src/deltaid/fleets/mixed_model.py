@@ -15,7 +15,7 @@ Robots are processed in parts, so memory does not grow with their number.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -68,8 +68,7 @@ class RobotRows:
         return cls(H, b, constant, np.zeros(H.shape[::2]), np.ones(len(blocks), dtype=bool))
 
     def only(self, robots: slice) -> "RobotRows":
-        every = (self.H, self.b, self.constant, self.extra, self.counts)
-        return RobotRows(*(array[robots] for array in every))
+        return RobotRows(*(getattr(self, field.name)[robots] for field in fields(self)))
 
     def parts(self) -> "Iterator[tuple[slice, RobotRows]]":
         for first in range(0, len(self.H), _AT_ONCE):
