@@ -138,8 +138,7 @@ class RobotDrift:
             return None
         return (
             "all drives change in the same way: check for another lubricant, a temperature that "
-            "is not that "
-            "of the gears, or torques that are scaled in another way, before bearings"
+            "is not that of the gears, or torques that are scaled in another way, before bearings"
         )
 
     @property
