@@ -212,10 +212,11 @@ class Evidence:
     def setup(self) -> Setup | RecordingError:
         """The recording without the torques of declared loads."""
         settings, kinematics = self.settings, self.dynamics.kinematics
-        given = self.source, kinematics, self.mapping, settings.cutoff
         try:
-            opened = tuple(open_recordings(*given, keep_all=settings.keep_all))
-            return declared_loads(Setup(self.robot, opened, settings), lambda _: None)
+            opened = open_recordings(
+                self.source, kinematics, self.mapping, settings.cutoff, keep_all=settings.keep_all
+            )
+            return declared_loads(Setup(self.robot, tuple(opened), settings), lambda _: None)
         except RecordingError as error:
             return error
 

@@ -127,8 +127,9 @@ def identify(
         if settings.intervals == "posterior":
             say("drawing models")
             model = with_posterior_intervals(model)
-        fit = result.problem, result.recordings, result.studies, result.detected
-        return Judged(model, *fit, verdicts)
+        return Judged(
+            model, result.problem, result.recordings, result.studies, result.detected, verdicts
+        )
 
 
 def _first(record: Evidence, judged: tuple[Verdict, ...], force: bool) -> tuple[Verdict, ...]:
@@ -248,8 +249,7 @@ def _shifts_after(
     weights = np.sqrt(problem.information.weights)
     step = Tolerances().mounting  # of all columns, divided out below
     tolerances = Tolerances(lengths=0.0, homing=step, mounting=step)
-    fitted = regressor, dynamics, recording, problem.values, weights, tolerances
-    rows = next(geometric_rows(*fitted))
+    rows = next(geometric_rows(regressor, dynamics, recording, problem.values, weights, tolerances))
     tilts = [name for name in rows.names if name.startswith("tilt")]
     zeros = [f"zero of {drive}" for drive in dynamics.robot.drives]
     names = [problem.layout.parameters[k].name for k in active_columns(regressor)]
