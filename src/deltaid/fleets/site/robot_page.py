@@ -22,7 +22,6 @@ from deltaid.view import style
 from deltaid.view.numbers import number, percent, span
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
-_GRADES = {Urgency.ACT: Trust.POOR, Urgency.LOOK: Trust.FAIR, Urgency.NONE: Trust.GOOD}
 # Largest number of recordings on a page, quarantined ones first.
 _RECORDINGS = 500
 # Sources of identified values.
@@ -70,9 +69,10 @@ def _verdict(robot: Robot) -> Summary:
     lines = tuple(
         ended(f"{concern.text[0].upper()}{concern.text[1:]}") for concern in robot.concerns
     )
-    if lines:
-        said = "Act now." if robot.urgency is Urgency.ACT else "Inspect it when there is time."
-        return Summary(_GRADES[robot.urgency], said, lines)
+    if robot.urgency is Urgency.ACT:
+        return Summary(Trust.POOR, "Act now.", lines)
+    if robot.urgency is Urgency.LOOK:
+        return Summary(Trust.FAIR, "Inspect it when there is time.", lines)
     if robot.is_known:
         return Summary(Trust.GOOD, "No inspection needed.", ("All friction is steady.",))
     unknown = (row for row in robot.drives if row["state"] == "unknown")
