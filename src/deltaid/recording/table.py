@@ -65,12 +65,12 @@ class Format:
 
     name: str
     claims: Callable[[bytes, Path], bool]
-    open: Callable[[Path, ColumnMapping], LogTable]
+    open: Callable[[Path], LogTable]
     suffixes: tuple[str, ...] = ()
     unpacks: bool = False
 
 
-# Kinds of files in the order of their checks; CSV has no signature and comes last.
+# Kinds of files in the order of their checks; any other file is CSV, which has no signature.
 FORMATS = (
     Format(
         "a Parquet file",
@@ -84,7 +84,6 @@ FORMATS = (
     Format("a NumPy archive", is_npz, open_npz, (".npz",)),
     Format("a ROS bag", is_bag, open_bag, (".bag", ".db3", ".mcap"), unpacks=True),
     Format("an export of TwinCAT Scope", is_scope, open_scope, unpacks=True),
-    Format("CSV", lambda *_: False, open_csv, unpacks=True),
 )
 
 
@@ -116,8 +115,8 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
                     f"is {name}", where=str(path), cure="export it as CSV in UTF-8 or as Parquet"
                 )
         suffix = path.suffix.lower()
-        kind = next((kind for kind in FORMATS if suffix in kind.suffixes), FORMATS[-1])
-    return kind.open(path, mapping or ColumnMapping())
+        kind = next((kind for kind in FORMATS if suffix in kind.suffixes), None)
+    return kind.open(path) if kind else open_csv(path, mapping or ColumnMapping())
 
 
 def read_batches(

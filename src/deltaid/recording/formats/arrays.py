@@ -19,7 +19,6 @@ import numpy as np
 
 from deltaid.grouping import grouped
 from deltaid.recording.address import Pick, RecordedField
-from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, Rows, damage, opened
 
 # Units of dates with a constant length, unlike months and years.
@@ -133,7 +132,7 @@ def _cut(
         yield block[tuple(at)]
 
 
-def open_npy(path: Path, mapping: ColumnMapping) -> LogTable:
+def open_npy(path: Path) -> LogTable:
     """Open a file of one array, called `array`, or of the columns of a structured array."""
     with _damage(path), opened(path) as file:
         shape, _, dtype = _header(file)
@@ -156,7 +155,7 @@ def is_npz(start: bytes, path: Path) -> bool:
     return start.startswith(b"PK\3\4") and start[30 : 30 + length].endswith(_END.encode())
 
 
-def open_npz(path: Path, mapping: ColumnMapping) -> LogTable:
+def open_npz(path: Path) -> LogTable:
     fields: list[RecordedField] = []
     with _archive(path) as archive:
         for member in _arrays_of(archive):

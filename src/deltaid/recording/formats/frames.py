@@ -22,7 +22,6 @@ import polars as pl
 from deltaid.errors import RecordingError
 from deltaid.files import readable
 from deltaid.recording.address import Pick, RecordedField
-from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, POLARS_ERRORS, LogTable, Rows, damage
 from deltaid.recording.time.counts import PER_SECOND, in_seconds, is_clock
 
@@ -113,7 +112,7 @@ def _is_number(kind: _DataType) -> bool:
     return kind.is_numeric() or kind == pl.Null or isinstance(kind, pl.Duration)
 
 
-def open_parquet(path: Path, mapping: ColumnMapping) -> LogTable:
+def open_parquet(path: Path) -> LogTable:
     with _decoding(path):
         return ParquetTable(path, fields_of(_scan(path)))
 

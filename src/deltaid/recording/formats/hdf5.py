@@ -21,7 +21,6 @@ from deltaid.recording.formats.arrays import (
     fields_of,
 )
 from deltaid.recording.formats.matlab import DEEPEST, MOST_FIELDS, matlab_object
-from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, LogTable, damage, library
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -47,7 +46,7 @@ def is_hdf5(start: bytes, path: Path) -> bool:
     return any(start[place:].startswith(_SIGNATURE) for place in _STARTS)
 
 
-def open_hdf5(path: Path, mapping: ColumnMapping) -> LogTable:
+def open_hdf5(path: Path) -> LogTable:
     with _opened(path) as file, path.open("rb") as start:
         by_matlab = file.userblock_size >= 512 and start.read(6) == b"MATLAB"
         contents = list(islice(_contents(file, by_matlab), MOST_FIELDS))

@@ -20,7 +20,6 @@ import numpy as np
 
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.formats.arrays import DEFLATE_RATIO, Arrays, ArrayTable
-from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import BATCH_ROWS, CHUNK, LogTable, damage, opened
 
 # Place of the mark of the byte order, at the end of the header [bytes].
@@ -111,7 +110,7 @@ def is_matlab(start: bytes, path: Path) -> bool:
     return start.startswith(b"MATLAB") or start[_ORDER] in (b"IM", b"MI")
 
 
-def open_matlab(path: Path, mapping: ColumnMapping) -> LogTable:
+def open_matlab(path: Path) -> LogTable:
     """Open a MATLAB file before 7.3: its variables, and members of structs and cells."""
     fields: list[RecordedField] = []
     places: dict[str, tuple[MatVariable, Numbers]] = {}

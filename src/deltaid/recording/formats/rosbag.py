@@ -22,7 +22,6 @@ from deltaid.recording.formats.bag_reader import (
     topics_of,
 )
 from deltaid.recording.formats.ros_messages import MessageError, Number, decoded
-from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import INCOMPLETE, LogTable, Rows, opened
 from deltaid.recording.time.signals import Signal, merged
 
@@ -33,7 +32,7 @@ _NUMBERED = re.compile(r"(?P<before>.*?)(?P<number>\d{1,4})(?P<after>\D*)")
 _Piece = tuple[str, Signal]
 
 
-def open_bag(path: Path, mapping: ColumnMapping) -> LogTable:
+def open_bag(path: Path) -> LogTable:
     """Open a bag: the first messages determine its topics of joint states.
 
     Raises:

@@ -27,7 +27,6 @@ from deltaid.recording.formats.csv_lines import (
     is_number,
 )
 from deltaid.recording.formats.twincat_table import NEUTRAL, TIME, ScopeChannel, ScopeTable
-from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import LogTable, content
 
 # Number of lines of data that determine the columns.
@@ -53,7 +52,7 @@ def is_scope(start: bytes, path: Path) -> bool:
     return bool(_MARKS.search(start)) or separator + b"Name" + separator in line
 
 
-def open_scope(path: Path, mapping: ColumnMapping) -> LogTable:
+def open_scope(path: Path) -> LogTable:
     """Open an export of any layout.
 
     Raises:
