@@ -94,7 +94,7 @@ def extra_drives(table: LogTable, columns: Columns, mapping: ColumnMapping, dof:
         return [name for name in names if name in table.header and name not in used] + [
             name
             for name in (f"{short}[{drive}]" for short in arrays)
-            if _is_there(table, columns.time.column, name)
+            if table.can_read([columns.time.column, name])
         ]
 
     drives = list(takewhile(len, map(extra_names, count(dof))))
@@ -102,14 +102,6 @@ def extra_drives(table: LogTable, columns: Columns, mapping: ColumnMapping, dof:
         return ""
     which = "another drive" if len(drives) == 1 else f"{len(drives)} more drives"
     return f"has columns of {which} ({', '.join(chain(*drives))}), but the robot has {dof}"
-
-
-def _is_there(table: LogTable, *names: str) -> bool:
-    try:
-        table.picks(names)
-    except RecordingError:
-        return False
-    return True
 
 
 def _time(table: LogTable, mapping: ColumnMapping) -> TimeChannel:

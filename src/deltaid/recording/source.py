@@ -119,6 +119,14 @@ class LogTable(ABC):
         """
         return locate(self.fields, columns, self.header_place, self.cure_of_missing)
 
+    def can_read(self, columns: Sequence[str]) -> bool:
+        """Whether columns can be read together."""
+        try:
+            self.picks(columns)
+        except RecordingError:
+            return False
+        return True
+
     def checksum(self, columns: Sequence[str]) -> str:
         """SHA-256 of the file, or of these columns of a table in memory."""
         with opened(self.path) as file:

@@ -1,7 +1,6 @@
 """Doubts about the clock of a recording, and rows at which a file may hold another recording."""
 
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 
 import numpy as np
 from jaxtyping import Int
@@ -232,7 +231,9 @@ def _part_column(
     Raises:
         RecordingError: the recording cannot be read.
     """
-    names = list(_candidates(table, time))
+    # Columns with one value per row.
+    plain = [field.name for field in table.fields if len(field.shape) == 1 and not field.holds]
+    names = [name for name in plain if name != time and table.can_read([time, name])]
     steady, parts = set(names), dict[str, tuple[str, str, str]]()
     last, row = dict[str, np.ndarray](), 0
     for block in table.rows([time, *names]) if names else ():
@@ -252,15 +253,6 @@ def _part_column(
             break
         row += block.size
     return next((parts[name] for name in names if name in steady & {*parts}), None)
-
-
-def _candidates(table: LogTable, time: str) -> Iterator[str]:
-    """Columns with one value per row that can be read together with the time."""
-    for entry in table.fields:
-        if entry.name != time and len(entry.shape) == 1 and not entry.holds:
-            with suppress(RecordingError):
-                table.picks([time, entry.name])
-                yield entry.name
 
 
 def _shown(value: object) -> str:
