@@ -79,9 +79,7 @@ class _Reading:
         at = np.flatnonzero((kept >= inner.start) & (kept < inner.stop) & (lost != 0))
         stamps = time[kept[at - 1]], time[kept[at]]
         self.holes.append(np.array([kept[at] + start, lost[at], *stamps]))
-        excluded = np.ones(len(time), dtype=bool)
-        excluded[kept] = False
-        self.extra.append(np.flatnonzero(excluded[inner.start : inner.stop]) + inner.start + start)
+        self.extra.append(np.setdiff1d(np.arange(inner.start, inner.stop), kept) + start)
 
 
 class _ClockStudy:
