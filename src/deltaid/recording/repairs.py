@@ -94,31 +94,26 @@ class Gears:
             columns: columns of the rows.
             rate: samples per second.
         """
-        low_pass = self.low_pass(rate)
-        lost = 2 * low_pass.margin
-        for wide in recut(segment, rows_at_once(2 * lost), 2 * lost):
-            yield self._rows(wide, columns, low_pass)
-
-    def _rows(self, wide: Rows, columns: Columns, low_pass: LowPass) -> Rows:
-        """Rows with the links' motion, less those that filters take at both ends."""
-        dof, lost = len(self.compliance), low_pass.margin
-        q, inner = wide[:, 1 : 1 + dof], slice(lost, len(wide) - lost)
-        qd, qdd = convolved(low_pass.first, q), convolved(low_pass.second, q)
-        tau = wide[inner, columns.torque_places] - self.of_motor(qd, qdd)
-        out = wide[2 * lost : len(wide) - 2 * lost].copy()
-        wound = [self.compliance * convolved(taps, tau)
-                 for taps in (low_pass.level, low_pass.first, low_pass.second)]  # fmt: skip
+        low_pass, dof = self.low_pass(rate), len(self.compliance)
+        filters = (low_pass.level, low_pass.first, low_pass.second)
         recorded = (columns.position, columns.velocity, columns.acceleration)
-        kept = [by for by, channels in zip(wound, recorded, strict=True) if channels]
-        out[:, columns.motion_places] -= np.hstack(kept)
-        motion = [x[lost : len(x) - lost] for x in (qd, qdd)]
-        out[:, columns.torque_places] -= self.less(*motion, *wound[1:])
-        # While brakes or friction hold the robot, gears need not transmit the drives' torques.
-        idle = wide[:, -dof:].max(axis=1) == 0.0
-        reach = round(_PERIODS * low_pass.rate / self.cutoff)
-        unknown = maximum_filter1d(idle, 2 * reach + 1)
-        out[unknown[2 * lost : len(wide) - 2 * lost], -dof:] = 0.0
-        return out
+        lost, reach = low_pass.margin, round(_PERIODS * rate / self.cutoff)
+        for wide in recut(segment, rows_at_once(4 * lost), 4 * lost):
+            once, twice = (slice(lost * k, len(wide) - lost * k) for k in (1, 2))
+            q = wide[:, 1 : 1 + dof]
+            qd, qdd = convolved(low_pass.first, q), convolved(low_pass.second, q)
+            tau = wide[once, columns.torque_places] - self.of_motor(qd, qdd)
+            wound = [self.compliance * convolved(taps, tau) for taps in filters]
+            out = wide[twice].copy()
+            kept = [by for by, channels in zip(wound, recorded, strict=True) if channels]
+            out[:, columns.motion_places] -= np.hstack(kept)
+            motion = [x[lost : len(x) - lost] for x in (qd, qdd)]
+            out[:, columns.torque_places] -= self.less(*motion, *wound[1:])
+            # While brakes or friction hold the robot, gears need not transmit drives' torques.
+            idle = wide[:, -dof:].max(axis=1) == 0.0
+            unknown = maximum_filter1d(idle, 2 * reach + 1)
+            out[unknown[twice], -dof:] = 0.0
+            yield out
 
 
 def convolved(taps: Float[np.ndarray, " taps"], x: Values) -> Float[np.ndarray, "fewer drives"]:
