@@ -6,7 +6,7 @@ end at which the plan moves, the motion is unknown, and the filter's length is l
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, compress
 from typing import Literal
 
 import numpy as np
@@ -164,20 +164,20 @@ def planned(log: Log, cutoff: float | None = None, *, periodic: bool = False) ->
     # A plan that is too short for a spectrum counts as the fastest motion.
     judged = max(cutoff or 0.0, log.motion_cutoff or HIGHEST * log.rate)
     period = ends.period(judged) if periodic else 0
-    rests = [not periodic and ends.is_at_rest(end, judged) for end in ("first", "last")]
-    spectra = [spectrum_of(ends.positions(rows)) for rows in _stretches(ends, period, rests)]
+    known = [periodic or ends.is_at_rest(end, judged) for end in ("first", "last")]
+    spectra = [spectrum_of(ends.positions(rows)) for rows in _stretches(ends, period, known)]
     motion = max([least, *(spectrum.cutoff(log.rate) or 0.0 for spectrum in spectra)])
     if not motion:
         raise _too_short(log, SpectrumEstimate.SHORTEST, "first")
     low_pass = _only_motion(design_low_pass(motion, log.rate))
     first, all_lost = low_pass.first_row, low_pass.reach
     last = all_lost + low_pass.stride - first
-    needed = all_lost - sum(n for n, rest in zip((first, last), rests, strict=True) if rest)
-    if not periodic and log.samples <= max(0, needed):
-        raise _too_short(log, needed + 1, "last" if rests[0] else "first")
+    needed = all_lost - sum(compress((first, last), known))
+    if log.samples <= max(0, needed):
+        raise _too_short(log, needed + 1, "last" if known[0] else "first")
     ends = ends if max(first, last) <= _ROWS else _ends(log, max(first, last) + 1)
-    before = (ends.beyond("first", first, period),) if periodic or rests[0] else ()
-    after = (ends.beyond("last", last, period),) if periodic or rests[1] else ()
+    before = (ends.beyond("first", first, period),) if known[0] else ()
+    after = (ends.beyond("last", last, period),) if known[1] else ()
     return PreparedRecording(log, low_pass, before=before, after=after)
 
 
@@ -254,13 +254,12 @@ def _ends(log: Log, count: int) -> PlanEnds:
     return PlanEnds(log, head, tail, speed)
 
 
-def _stretches(ends: PlanEnds, period: int, rests: list[bool]) -> list[Rows]:
+def _stretches(ends: PlanEnds, period: int, known: list[bool]) -> list[Rows]:
     """Rows around each end with a known continuation, half of them beyond it."""
-    before, after = (bool(period) or rest for rest in rests)
-    if before and after and ends.log.samples < _ROWS:  # a short plan is the middle of one stretch
+    if all(known) and ends.log.samples < _ROWS:  # a short plan is the middle of one stretch
         half = _ROWS - ends.log.samples // 2
         around = [ends.beyond(end, half, period) for end in ("first", "last")]
         return [np.vstack([around[0], ends.head, around[1]])]
     first = [ends.beyond("first", _ROWS, period), ends.head[:_ROWS]]
     last = [ends.tail[-_ROWS:], ends.beyond("last", _ROWS, period)]
-    return [np.vstack(rows) for rows, known in ((first, before), (last, after)) if known]
+    return [np.vstack(rows) for rows in compress((first, last), known)]
