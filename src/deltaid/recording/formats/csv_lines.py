@@ -252,7 +252,6 @@ class Decimals:
             rows = [(int(rows[0]), mark) for rows, mark in marked if len(rows)]
             self._mark = min(rows, default=(0, ""))[1]
         if self._mark == ",":  # null for numbers with a point
-            pointed = [text.str.contains(".", literal=True) for text in texts]
+            texts = [text.set(text.str.contains(".", literal=True), None) for text in texts]
             texts = [text.str.replace(",", ".", literal=True) for text in texts]
-            texts = [text.set(is_, None) for text, is_ in zip(texts, pointed, strict=True)]
         return [text.cast(pl.Float64, strict=False) for text in texts]
