@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
-from io import BufferedReader
 from pathlib import Path
 from typing import Any, cast
 
@@ -158,7 +157,7 @@ class LogTable(ABC):
 
 
 @contextmanager
-def opened(path: Path) -> Generator[BufferedReader, None, None]:
+def opened(path: Path) -> Generator[io.BufferedReader, None, None]:
     """Open a file for reading bytes.
 
     Raises:
