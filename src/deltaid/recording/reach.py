@@ -164,7 +164,7 @@ class ReachCheck:
 
     def _angles(self, q: Float[np.ndarray, " dof"]) -> str:
         names = ", ".join(channel.column for channel in self.columns.position)
-        linear = [self.kinematics.robot.is_linear(d) for d in self.kinematics.robot.drives]
+        linear = self.kinematics.robot.linear_drives
         unit = "m" if all(linear) else "rad" if not any(linear) else "m and rad"
         return f"({names}) = ({', '.join(f'{value:.4g}' for value in q)}) {unit}"
 
