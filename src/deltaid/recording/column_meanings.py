@@ -250,7 +250,7 @@ def _without_unit(name: str) -> tuple[str, str | None]:
             last = "_".join(parts[-count:])
             if len(parts) > count and len(last) >= shortest and last.casefold() in UNITS:
                 return text[: text.rindex(parts[-count])], UNITS[last.casefold()]
-    return name, UNITS.get(name.casefold()) if name.casefold() == "millis" else None
+    return name, "ms" if name.casefold() == "millis" else None
 
 
 def _in_words(name: str) -> Iterator[str]:
