@@ -133,11 +133,11 @@ class LogTable(ABC):
 
     def row_place(self, row: int) -> str:
         """Place of a row, for messages."""
-        return f"{self.path}, row {row}"
+        return f"{self.path}, {self.row_name(row)}"
 
     def row_name(self, row: int) -> str:
         """Place of a row without the file, for messages that already name the file."""
-        return self.row_place(row).removeprefix(f"{self.path}, ")
+        return f"row {row}"
 
     def repeated(self, name: str) -> str:
         """Message about several columns of one name; empty if there is one at most."""

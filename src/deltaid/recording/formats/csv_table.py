@@ -84,9 +84,9 @@ class CsvTable(LogTable):
     def header_place(self) -> str:
         return self.row_place(self.header_row)
 
-    def row_place(self, row: int) -> str:
+    def row_name(self, row: int) -> str:
         """Place of a row, counted as an editor counts lines, with comment lines in the data."""
-        return f"{self.path}, row {row + bisect_right(self.comments, row)}"
+        return f"row {row + bisect_right(self.comments, row)}"
 
     def cure(self, written: str) -> str:
         if re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d*", written):

@@ -99,8 +99,8 @@ class BagTable(LogTable):
                 digest.update(hashlib.file_digest(file, "sha256").digest())
         return digest.hexdigest()
 
-    def row_place(self, row: int) -> str:
-        return f"{self.path}, sample {row}"
+    def row_name(self, row: int) -> str:
+        return f"sample {row}"
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
         """Read as in `LogTable.rows`; messages that lack a column are excluded and counted."""

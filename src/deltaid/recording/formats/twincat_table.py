@@ -76,11 +76,11 @@ class ScopeTable(LogTable):
         kw_only=True,
     )
 
-    def row_place(self, row: int) -> str:
+    def row_name(self, row: int) -> str:
         """Place of a row, for messages: a line, or a sample if a line is not one instant."""
         if all(self.shared.values()):
-            return f"{self.path}, row {row}"
-        return f"{self.path}, sample {row - self.first_row + 1}"
+            return super().row_name(row)
+        return f"sample {row - self.first_row + 1}"
 
     def rows(self, columns: Sequence[str]) -> Iterator[Rows]:
         """Read as in `LogTable.rows`; the time is in s since the first sample."""
