@@ -101,7 +101,7 @@ def find(fields: Sequence[RecordedField], address: str) -> tuple[RecordedField, 
 
 
 def locate(
-    fields: Sequence[RecordedField], addresses: Sequence[str], where: str, cure: str = ""
+    fields: Sequence[RecordedField], addresses: Sequence[str], where: str, cure: str
 ) -> list[Pick]:
     """Columns of addresses, which must have one length.
 

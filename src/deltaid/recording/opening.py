@@ -157,7 +157,7 @@ def _contradicted_rate(table: LogTable, columns: Columns) -> str:
 
 
 def resolved_table(
-    source: RecordingLike, kinematics: Kinematics, mapping: ColumnMapping | None = None
+    source: RecordingLike, kinematics: Kinematics, mapping: ColumnMapping | None
 ) -> tuple[LogTable, Columns, ColumnMapping]:
     """Table of a recording, its columns by quantity, and the mapping that determines them.
 

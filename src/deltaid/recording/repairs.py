@@ -176,7 +176,7 @@ def burden_of(
     robot: RobotDescription,
     columns: Columns,
     loads: Sequence[Sequence[float]],
-    pulls: Sequence[Pull] = (),
+    pulls: Sequence[Pull],
 ) -> Callable[..., Samples]:
     """Function τ(time, z, q̇, q̈, extra) that returns the torques of loads and pulls.
 
