@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from deltaid.errors import RecordingError
-from deltaid.files import readable
 from deltaid.recording.address import Pick, RecordedField
 from deltaid.recording.formats.arrays import (
     DEFLATE_RATIO,
@@ -21,7 +20,7 @@ from deltaid.recording.formats.arrays import (
     fields_of,
 )
 from deltaid.recording.formats.matlab import DEEPEST, MOST_FIELDS, matlab_object
-from deltaid.recording.source import BATCH_ROWS, LogTable, damage, library
+from deltaid.recording.source import BATCH_ROWS, LogTable, damage, library, opened
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # Possible places of the signature [bytes]: a user block, such as MATLAB's, may come first.
@@ -120,7 +119,7 @@ def _opened(path: Path) -> Generator[Any, None, None]:
         RecordingError: the file is missing or damaged, or h5py is not installed.
     """
     h5py = library("h5py", "an HDF5 file", path)
-    with readable(path, RecordingError), path.open("rb"):
+    with opened(path):
         pass
     what = "is a damaged HDF5 file, or cannot be read"
     cure = (
