@@ -139,40 +139,39 @@ class BagTable(LogTable):
     def _pieces(self, wanted: dict[str, list[Number]], received: bool) -> Iterator[_Piece]:
         used = [self.topics[name] for name in wanted]
         start = min(topic.received if received else topic.first for topic in used)
-        kept, lost = dict.fromkeys(wanted, 0), dict.fromkeys(wanted, 0)
+        total, lost = dict.fromkeys(wanted, 0), dict.fromkeys(wanted, 0)
         lacks = {name: np.zeros(len(numbers), dtype=bool) for name, numbers in wanted.items()}
         first = dict[str, int]()
         with opened_bag(self.path) as bag:
             for chunk in bag.messages(list(wanted)):
                 for name, numbers in wanted.items():
                     messages = [(time, raw) for topic, time, raw in chunk if topic == name]
-                    before, raws = kept[name] + lost[name], [raw for _, raw in messages]
+                    raws = [raw for _, raw in messages]
                     try:
                         stamps, values = decoded(raws, numbers, self.topics[name].type, bag.cdr)
                     except MessageError as error:
-                        raise damaged(bag, name, error, before) from None
+                        raise damaged(bag, name, error, total[name]) from None
                     if received:
                         stamps = np.array([time for time, _ in messages], dtype=np.int64)
                     absent = np.isnan(values)
                     whole = ~absent.any(axis=1)
                     lacks[name] |= absent.any(axis=0)
                     if not whole.all():
-                        first.setdefault(name, before + int(np.argmin(whole)) + 1)
-                    kept[name] += int(whole.sum())
+                        first.setdefault(name, total[name] + int(np.argmin(whole)) + 1)
+                    total[name] += len(values)
                     lost[name] += int((~whole).sum())
                     if whole.any():
                         yield name, Signal((stamps[whole] - start) / 1e9, values[whole])
-        for name in kept:
-            if not kept[name]:
+        for name in wanted:
+            if lost[name] == total[name]:
                 raise RecordingError(
                     f"no message of {name} has a number in each of the columns in use",
                     where=str(self.path),
                     cure="map joints and quantities that come in the same message",
                 )
             if lost[name]:
-                total = kept[name] + lost[name]
                 numbers = [wanted[name][k] for k in np.flatnonzero(lacks[name])]
-                self.doubts.append(_incomplete(name, lost[name], total, first[name], numbers))
+                self.doubts.append(_incomplete(name, lost[name], total[name], first[name], numbers))
 
     def _merged(self, pieces: list[_Piece], wanted: dict[str, list[Number]]) -> Signal:
         names = list(wanted)
