@@ -1,6 +1,6 @@
 """Doubts about the clock of a recording, and rows at which a file may hold another recording."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Int
@@ -122,7 +122,7 @@ def restarted(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str
     if not rows.size:
         return "", "", ""
     seen = f"time starts again in {places_of(rows.size)}, the first in {_row(table, rows)}"
-    if (part := _part_column(table, column, rows.tolist())) is None:
+    if (part := _part_column(table, column, rows)) is None:
         return (
             seen,
             "several recordings stand in one file, or the clock was set or passed midnight",
@@ -219,7 +219,7 @@ def places_of(count: int) -> str:
 
 
 def _part_column(
-    table: LogTable, time: str, starts: Collection[int]
+    table: LogTable, time: str, starts: Int[np.ndarray, " starts"]
 ) -> tuple[str, str, str] | None:
     """First column that changes only where time restarts, with its values before and after its
     first change; None without one.
@@ -243,7 +243,7 @@ def _part_column(
             values = np.concatenate([last[name], written]) if name in last else written
             changes = np.flatnonzero(values[1:] != values[:-1]) + 1
             rows = changes + row - (len(values) - len(written))
-            if not np.isin(rows, list(starts)).all():
+            if not np.isin(rows, starts).all():
                 steady.remove(name)
             elif changes.size and name not in parts:
                 before, after = values[changes[0] - 1 : changes[0] + 1].tolist()
