@@ -1,6 +1,7 @@
 """A log that cannot be used gets one message: what is wrong, in which file, row and column."""
 
 import random
+import re
 from functools import reduce
 
 import numpy as np
@@ -8,11 +9,14 @@ import polars as pl
 import pytest
 
 from bad_logs import GOOD, NUMBERED, ROWS, changed, with_field, with_line, without_rows
+from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
 from deltaid.recording.formats import csv_lines
+from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.recording.survey_checks import off_course
 from deltaid.recording.time.doubts import doubts_about_holes
+from deltaid.robot.load import load_robot
 from logs import comma, read, recorded, refusal, text, write
 
 # Two runs under one time, as a logger writes them that counts rows.
@@ -208,6 +212,18 @@ def test_later_passes_count_comments_once(tmp_path, opened) -> None:
     for _ in range(2):
         assert sum(len(batch) for batch in log.batches()) == ROWS
         assert [log.table.row_place(row)[-3:] for row in (101, 102, 103)] == ["101", "104", "105"]
+
+
+def test_rows_outside_the_workspace_are_counted_with_comments(tmp_path) -> None:
+    robot = load_robot("clavel-delta3")
+    narrow = robot.workspace.model_copy(update={"radius": 1e-3})
+    kinematics = compiled(robot.changed(workspace=narrow)).kinematics
+
+    def first(text: str) -> int:
+        (doubt,) = open_log(write(tmp_path / "log.csv", text), kinematics).warnings
+        return int(re.search(r"outside the workspace .* in row (\d+) at", doubt)[1])
+
+    assert first(GOOD.replace("\n", "\n# a\n# b\n", 1)) == first(GOOD) + 2
 
 
 HEADLESS = GOOD.split("\n", 1)[1]

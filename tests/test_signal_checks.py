@@ -91,6 +91,13 @@ def test_lost_rows_are_counted(lost: slice) -> None:
     assert f"{lost.stop - lost.start} rows are missing in 1 place" in verdict.seen
 
 
+def test_rows_that_are_there_twice_are_counted() -> None:
+    again = pl.concat([frame()[:1000], frame()[998:]])
+    (verdict,) = said(again)["clock"]
+    assert "there twice" in verdict.seen
+    assert verdict.number == pytest.approx(200 / len(again))
+
+
 @pytest.mark.parametrize("leap", [3600.0, 1.7e9])
 def test_a_clock_that_leaps_ahead_is_no_logger_that_falls_behind(leap: float) -> None:
     late = pl.when(pl.int_range(pl.len()) < 1500).then(0.0).otherwise(leap)

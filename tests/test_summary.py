@@ -254,3 +254,6 @@ def test_a_file_that_was_changed_by_hand_says_so(folder: Path, tmp_path: Path) -
     used = run("torque", file, folder / "verify.csv", "-o", tmp_path / "a.csv")
     assert used.code == 0
     assert f"warning: {file.name}: {first}" in used.err
+    without = [line for line in text.splitlines() if "sha256:" not in line or line[0] != "#"]
+    file.write_text("\n".join(without), encoding="utf-8")
+    assert load(file).identified.warnings[0].endswith("its checksum is missing")

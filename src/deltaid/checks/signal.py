@@ -217,17 +217,18 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
     if leaps.size and not restarts:
         cause = "logging stopped and went on later, or the clock was set meanwhile"
         cure = "split it if load or wiring were others; else nothing is to be done"
-    if lost or twice or stale:
+    wrong = lost + twice + stale
+    if wrong:
         cause = cure = ""
     if stands or slower:
         cause, cure = of_stand if stands else of_rate
     if lost and any(doubt.key == INCOMPLETE for doubt in log.warnings):
         cause, cure = _INCOMPLETE_ROWS
-    if scatter > JITTER and not (cause or lost or twice or stale):
+    if scatter > JITTER and not (cause or wrong):
         cause = "stamps are made when rows are written, and not when they are sampled"
         if clock.even is False or clock.steady:
             cause = "rows are sampled when the logger gets round to it, not by a clock"
-    number = 100 * ((lost + twice + stale) / clock.rows if lost or stale else scatter)
+    number = 100 * (wrong / clock.rows if wrong else scatter)
     return _CLOCK.judged(seen, "", number, cause=cause, cure=cure)
 
 

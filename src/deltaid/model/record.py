@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 FORMAT = 5
 _OF_DRIVES = ("rms", "nrmse", "rms_unfiltered")
 CHANGED = "the file was changed after deltaid wrote it: its checksum is another"
+UNSEALED = "the file was changed after deltaid wrote it: its checksum is missing"
 # Limit of YAML nodes in a file: ten years of daily recordings with 50 nodes each.
 _MOST_NODES = 200_000
 _VERSION = re.compile(r"^format: *(\d{1,9}) *$", re.MULTILINE)
@@ -258,7 +259,10 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
             )
         model = parse(text, cls, where=where, most=_MOST_NODES)
         warnings = model.warnings
-        if is_intact(text.replace("\r\n", "\n").encode()) is False:
+        intact = is_intact(text.replace("\r\n", "\n").encode())
+        if intact is None and model.format == FORMAT:  # earlier files may have none
+            warnings = (UNSEALED, *warnings)
+        if intact is False:
             warnings = (CHANGED, *warnings)
         return model.changed(robot=bound(model.robot, where), warnings=warnings)
 

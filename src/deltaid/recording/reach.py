@@ -100,14 +100,16 @@ class ReachCheck:
             )
         strained = np.flatnonzero(worst > self.kinematics.robot.largest_condition)
         if strained.size and not self.strained:
-            self.first_strained = f"row {row + int(strained[0])} at {time[strained[0]]:.6g} s"
+            self.first_strained = (
+                f"{self.table.row_name(row + int(strained[0]))} at {time[strained[0]]:.6g} s"
+            )
         self.strained += strained.size
         self._check_branch(stretch, row, apart)
         outside = np.flatnonzero(~self.kinematics.robot.workspace.contains(points))
         if outside.size and not self.outside:
             x, y, height = points[outside[0]]
             place = f"[{x:.3f}, {y:.3f}, {height:.3f}] m"
-            self.first_outside = f"row {row + int(outside[0])} at {place}"
+            self.first_outside = f"{self.table.row_name(row + int(outside[0]))} at {place}"
         self.outside += outside.size
 
     def doubts(self, samples: int) -> Iterator[Doubt]:
