@@ -14,7 +14,7 @@ import pytest
 from deltaid.checks.check import check
 from deltaid.checks.evidence import evidence
 from deltaid.checks.identify import identify
-from deltaid.checks.sensing.misfit import Misfit
+from deltaid.checks.sensing.misfit import MapFit, Misfit
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.verdicts import changes, with_changes
 from deltaid.dynamics.dynamics import Dynamics, compiled
@@ -240,3 +240,20 @@ def test_a_constant_is_no_part_of_how_shown_and_expected_go_together() -> None:
             return theta[0] * (shape + 30.0)
 
     assert object.__new__(Moved).correlation == pytest.approx(1.0)
+
+
+def test_excluded_rows_do_not_count_for_the_share_that_is_unexplained() -> None:
+    rng = np.random.default_rng(1)
+    kept = np.repeat([1.0, 0.0], [50, 150])
+    y, left = (rng.standard_normal((2, 200)) * kept for _ in "yr")
+
+    class Half(Misfit):
+        samples, counts, moving, groups = kept, 50.0, y, ([0, 1],)
+
+        def expected(self, theta: np.ndarray) -> np.ndarray:
+            return self.y - 0.3 * left
+
+    half = object.__new__(Half)
+    half.__dict__["y"] = y
+    share = 0.3 * np.linalg.norm(left) / np.linalg.norm(y)
+    assert half.unexplained(MapFit(0.0, np.ones(1), 1.0)) == pytest.approx(share)

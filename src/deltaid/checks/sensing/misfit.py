@@ -158,7 +158,8 @@ class Misfit:
 
     def unexplained(self, fit: MapFit) -> float:
         """Unexplained share of y's motion, at most 1."""
-        residual, motion = self.residual_rms(fit) ** 2, np.mean(self.moving**2, axis=1)
+        residual = np.sum((self.y - self.expected(fit.theta)) ** 2, axis=1)
+        motion = np.sum(self.moving**2, axis=1)
         shares = [residual[group].sum() / max(motion[group].sum(), 1e-300) for group in self.groups]
         return min(1.0, float(np.sqrt(max(shares))))
 
