@@ -37,7 +37,7 @@ Data = dict[str, Any]
 KEYS = {
     "the description": (
         "length-unit", "friction", "limits", "gravity", "prior-scale", "measured-scale",
-        "workspace", "torque-limit",
+        "workspace", "torque-limit", "friction-scale", "gear-stiffness",
     ),
     "units and wiring": (
         "drive-count", "angle-unit", "torque-unit", "velocity-unit", "gear", "angle-sign",
