@@ -32,7 +32,7 @@ from support import along
 Torques = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def warnings_of(changed: Torques, light: str = "") -> tuple[str, ...]:
+def warnings_of(changed: Torques, light: str = "", gamma: float | None = None) -> tuple[str, ...]:
     """Warnings of the fit to a recording whose torques are a function of τ and q̇, with noise."""
     frame = recorded(1500, derivatives=True)
     qd, tau = (frame.select(names(kind)).to_numpy() for kind in ("qd", "tau"))
@@ -44,7 +44,8 @@ def warnings_of(changed: Torques, light: str = "") -> tuple[str, ...]:
         for shape in data["bodies"][light]["prior"]:
             shape["mass"] *= 0.1
         robot = RobotDescription.model_validate(data)
-    return identify(robot, frame.with_columns(pl.from_dict(columns))).model.warnings
+    frame = frame.with_columns(pl.from_dict(columns))
+    return identify(robot, frame, settings=Settings(gamma=gamma)).model.warnings
 
 
 def test_a_healthy_recording_raises_no_doubts() -> None:
@@ -59,6 +60,12 @@ def test_noise_alone_raises_no_doubts() -> None:
 def test_a_drive_that_friction_pushes_is_of_no_robot() -> None:
     (told,) = warnings_of(lambda tau, qd: tau - [4.0, 0.0, 0.0] * qd)
     assert "the torque error that is possible without physical consistency" in told
+
+
+def test_a_prior_that_is_asked_to_weigh_much_is_the_likeliest_cause_of_a_poor_fit() -> None:
+    told = warnings_of(lambda tau, _: tau, light="U", gamma=1.0)
+    assert any("the given γ of 1 weighs the prior too much" in text for text in told)
+    assert not any("only negative masses" in text for text in told)
 
 
 def test_torques_of_another_scale_are_reported_with_it_and_not_by_what_had_to_grow() -> None:

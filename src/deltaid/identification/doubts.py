@@ -56,12 +56,20 @@ def _misfit(problem: FittedProblem) -> Iterator[str]:
     noise = max(problem.noise, NOISE_FLOOR)
     rows = problem.information.rows / problem.information.mean_samples
     rms = np.sqrt(problem.objective.data.evaluate(problem.solution.x)[0] / rows)
-    if rms > max(FAR * noise, ADEQUATE):
+    if rms <= max(FAR * noise, ADEQUATE):
+        return
+    leaves = f"the consistent fit leaves {rms / noise:.3g} times the torque error that is possible "
+    if problem.settings.gamma is None:
         yield (
-            f"the consistent fit leaves {rms / noise:.3g} times the torque error that is possible "
-            "without physical consistency: only negative masses or friction would explain these "
-            "torques. Likeliest a torque or position is not that of its drive, or something drives "
-            "the robot beside its motors; deltaid check tries signs, orders and gears"
+            f"{leaves}without physical consistency: only negative masses or friction would explain "
+            "these torques. Likeliest a torque or position is not that of its drive, or something "
+            "drives the robot beside its motors; deltaid check tries signs, orders and gears"
+        )
+    else:
+        yield (
+            f"{leaves}without physical consistency and prior. Likeliest the given γ of "
+            f"{problem.settings.gamma:.3g} weighs the prior too much; leave it out, so that the "
+            "noise decides, and see what remains"
         )
 
 
