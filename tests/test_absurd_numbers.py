@@ -100,7 +100,8 @@ def test_time_that_hardly_moves(tmp_path, clavel: Dynamics, step: float) -> None
 def test_no_command_goes_on(tmp_path, model_file, command, column, value) -> None:
     log = write(tmp_path / "log.csv", spoilt(column, value))
     robot = "clavel-delta3" if command == "identify" else model_file
-    output = [] if command == "validate" else ["-o", tmp_path / "out.csv"]
+    name = "out.yaml" if command == "identify" else "out.csv"
+    output = [] if command == "validate" else ["-o", tmp_path / name]
     message = refused(command, robot, log, *output, folder=tmp_path)
     assert re.search(rf"row {ROW + 2}: column {column} is", message)
 

@@ -110,7 +110,9 @@ class _Fit:
     def require_linear(self) -> None:
         """Refuse stated gears that the recorded torques would wind up by a large part of the
         drives' ranges."""
-        robot, share = self.rows.dynamics.robot, self.known / self._softer
+        robot, moves = self.rows.dynamics.robot, self._softer > 0
+        share = np.zeros_like(self.known)
+        share[moves] = self.known[moves] / self._softer[moves]
         i = int(np.argmax(share))
         if share[i] > SOFTEST:
             units = robot.units(robot.drives[i])
