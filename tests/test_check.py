@@ -72,6 +72,7 @@ def test_numbers_below_a_millimetre_stay_in_metres_beside_others_in_millimetres(
         ({"friction.drive1.coulomb": 1e9}, "friction-scale", "drive1 is 1e+09 N m at rest"),
         ({"gear_stiffness": 5.0}, "gear-stiffness", "is 5 N m/rad"),
         ({"gear_stiffness": {"drive2": 5.0}}, "gear-stiffness", "drive2 is 5 N m/rad"),
+        ({"gear_stiffness": 150.0}, "gear-stiffness", "150 N m would wind the gear up by 1 rad"),
     ],
 )
 def test_friction_and_gears_with_which_no_robot_moves(
@@ -80,6 +81,11 @@ def test_friction_and_gears_with_which_no_robot_moves(
     verdict = verdict_of(check(changed_file(tmp_path, changes)), key)
     assert verdict.grade is Grade.WRONG
     assert words in verdict.seen
+
+
+def test_soft_gears_that_wind_up_by_a_seventh_of_the_range_are_good(tmp_path: Path) -> None:
+    found = check(changed_file(tmp_path, {"gear_stiffness": 500.0}))
+    assert worst(found) is Grade.GOOD
 
 
 @pytest.mark.parametrize(("given", "meant"), [([0, 0, -1], -9.81), ([0, 0, -1.62], None)])
