@@ -10,7 +10,6 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.effects.compliance import _Fit
 from deltaid.errors import DeltaidError, IdentificationError
 from deltaid.identification.contest_stage import contested
 from deltaid.identification.fit import fit
@@ -228,16 +227,6 @@ def test_a_stiffness_that_lets_gears_wind_up_by_their_whole_range_is_refused() -
     robot = dynamics.robot.changed(gear_stiffness={"drive2": 5.0})
     with pytest.raises(DeltaidError, match="is 5 N m/rad: recorded torques would wind the gear of"):
         at_stage(robot, table, Settings(cutoff=15.0, friction="described", events=False))
-
-
-def test_a_drive_that_rests_winds_its_gear_up_by_no_part_of_its_range() -> None:
-    known = np.array([1e-3, 2e-1, 0.0])
-    fit = Mock(known=known, _softer=np.array([0.0, 1.0, 1.0]))
-    fit.rows.dynamics.robot = load_robot("clavel-delta3")
-    _Fit.require_linear(fit)
-    fit._softer = np.array([0.0, 0.1, 1.0])
-    with pytest.raises(DeltaidError, match="gear of drive2 up by 2 of its range"):
-        _Fit.require_linear(fit)
 
 
 def test_nothing_is_looked_for_unless_asked() -> None:
