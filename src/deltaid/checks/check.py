@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from deltaid.checks.at_rest import checked_workspace
 from deltaid.checks.closed_loop import checked_feedback
 from deltaid.checks.description import (
     checked_friction,
     checked_gravity,
     checked_lengths,
     checked_limits,
-    checked_workspace,
 )
 from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.information import checked_information, information_of, judged_information

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
+from deltaid.checks.at_rest import checked_workspace
 from deltaid.checks.check import of_robot
-from deltaid.checks.description import checked_workspace
 from deltaid.checks.priors import checked_inertia, checked_priors
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.model.verdict import Grade, Verdict
