@@ -87,12 +87,13 @@ def test_the_robot_moves_while_playing_and_stops(browser, reports: dict[str, Pat
         player.get_by_role("button", name="Play").focus()
         page.keyboard.press("Space")
         assert visit.eventually(moved)
+        # A busy machine draws late, and the motion passes its first pose again and again.
+        assert visit.eventually(lambda: _changed(seen, plot.screenshot()) > 0.001)
         page.keyboard.press("Space")
         page.wait_for_timeout(500)
         stopped = plot.evaluate(arms)
         page.wait_for_timeout(500)
         assert plot.evaluate(arms) == stopped
-        assert _changed(seen, plot.screenshot()) > 0.001
         assert visit.said == []
 
 
