@@ -279,18 +279,18 @@ def test_a_fleet_without_recordings_says_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("pattern", "new", "message"),
     [
-        (r"delay: \[.*?\]", "delay: [0, 0.1]", "sources.0.delay: must have one number"),
-        (r"delay: \[.*?\]", "delay: [0, 0, 9]", "sources.0.delay.2: must be less than or equal"),
+        (r"delay: \[.*?\]", "delay: [0, 0.1]", "sources[1].delay: must have one number"),
+        (r"delay: \[.*?\]", "delay: [0, 0, 9]", "sources[1].delay[3]: must be less than or equal"),
         ("corrections: .*", "corrections: [{kind: gain, subject: drive9, value: 1, text: x}]",
-         "corrections.0.subject: is no drive: drive9"),
+         "corrections[1].subject: is no drive: drive9"),
         ("corrections: .*", "corrections: [{kind: gain, subject: drive1, value: 0, text: x}]",
-         "corrections.0.value: must be positive"),
+         "corrections[1].value: must be positive"),
         ("\neffects: .*", "\neffects: [{name: hose, values: [1]}]", "has the effect 'hose'"),
         (r"format: 5((?:.|\n)*)\neffects: .*",
          rf"format: 4\1\neffects: [{{name: platform-spring, values: {[0] * 9}}}]",
          "a spring at the platform has other coefficients since format 5"),
         ("low: 0.*", "low: 1000", "low: is above high"),
-        ("rms: .*", "rms: [-1, 1, 1]", "fit.rms.0: must be greater than or equal to 0"),
+        ("rms: .*", "rms: [-1, 1, 1]", "fit.rms[1]: must be greater than or equal to 0"),
     ],
 )  # fmt: skip
 def test_records_that_no_identification_writes(

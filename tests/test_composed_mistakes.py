@@ -133,7 +133,7 @@ MISTAKES = [
         "linear-delta",
         "{position: [-0.15, 0.50], speed: 2.5, force: 600}",
         "{position: [-150, 0.5], speed: 2500}",
-        "drive_limits.drive1.position.0: -150 m cannot be; positions are in metres; line 53, ",
+        "drive_limits.drive1.position[1]: -150 m cannot be; positions are in metres; line 53, ",
     ),
     (
         "linear-delta",

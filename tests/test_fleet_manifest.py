@@ -75,7 +75,7 @@ def test_a_time_in_yaml_is_that_of_the_recording(tmp_path: Path, time: str) -> N
     ("text", "words"),
     [
         ("# nothing\n", "fleet.yaml: is empty\n  → `deltaid schema fleet` prints what such a file"),
-        (MANIFEST.replace("robot:", "robt:"), "line 3, robots.0.robt: unknown key"),
+        (MANIFEST.replace("robot:", "robt:"), "line 3, robots[1].robt: unknown key"),
         (MANIFEST.replace(f"type: {TYPE}\n", ""), "robot north has no type"),
         (
             f"{MANIFEST}    - {{path: a.csv, time: 2026-13-05}}\n".replace("north/*.parquet", ""),

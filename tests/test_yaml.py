@@ -70,7 +70,7 @@ def test_other_types_are_refused(value: str) -> None:
         (
             ColumnMapping,
             "position: {column: q, unit: deg, sign: [-1, true, 1]}",
-            "line 1, position.sign.1: must be a number, not true",
+            "line 1, position.sign[2]: must be a number, not true",
         ),
         (ColumnMapping, "load:\n  always: 1", "line 2, load.always: must be true or false, not 1"),
     ],

@@ -38,6 +38,7 @@ from deltaid.forked import require_threads
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.source import POLARS_ERRORS
+from deltaid.robot.complaints import key_path
 from deltaid.robot.description import RobotDescription
 
 ENDING = ".factors.parquet"
@@ -146,7 +147,7 @@ def read(path: Path) -> FactorFile:
         record = FactorRecord.model_validate_json(metadata[_KEY])
     except ValidationError as error:
         first = error.errors()[0]
-        why = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        why = f"{key_path(first['loc'])}: {first['msg']}"
         raise _refusal(
             f"is a factor file that this version (format {FORMAT}) cannot use: {why}", where
         ) from None

@@ -1,7 +1,7 @@
 """Sentences for pydantic's validation errors, with line and key of the YAML file."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,16 +44,22 @@ _NAME_VALUE = (
 @dataclass(frozen=True)
 class _Complaint:
     line: int  # 0 if the value is from no file
-    path: tuple[str, ...]
+    path: tuple[int | str, ...]
     reason: str
     value: str = ""  # ', not …' with the refused value, shortened
     of_kind: bool = False  # whether the value has the wrong type
 
     def __str__(self) -> str:
-        text = f"{self.reason}{self.value}"
+        text, place = f"{self.reason}{self.value}", key_path(self.path)
         if self.line:
-            return f"line {self.line}, {'.'.join(self.path) or 'top level'}: {text}"
-        return f"{'.'.join(self.path)}: {text}" if self.path else text
+            return f"line {self.line}, {place or 'top level'}: {text}"
+        return f"{place}: {text}" if place else text
+
+
+def key_path(path: Iterable[int | str]) -> str:
+    """Keys as 'bodies.EE.measured[1].mass': entries of lists count from 1."""
+    keys = [f"[{key + 1}]" if isinstance(key, int) else f".{key}" for key in path]
+    return "".join(keys).removeprefix(".")
 
 
 def complaints(tree: Entry, error: ValidationError, model: type[BaseModel]) -> str:
@@ -117,19 +123,19 @@ def _join_unions(located: list[_Complaint]) -> list[_Complaint]:
 
 
 def _locate(tree: Entry, item: dict[str, Any], model: type[BaseModel]) -> _Complaint:
-    path: list[str] = []
+    path: list[int | str] = []
     place, kind = tree, item["type"]
     for key in item["loc"]:
         entry = child(place.value, key)
         if entry is not None:  # else the key names a branch of a union and is not in the file
             place = entry
-            path.append(str(key)[:60])
+            path.append(key if isinstance(key, int) else str(key)[:60])
     if kind == "missing":
         missing = item["loc"][-1]
         if isinstance(missing, int):  # entries of a list have no names
             return _Complaint(place.line, tuple(path), f"has no entry {missing + 1}")
         path.append(str(missing))
-    hint = _suggestion(path[-1], model) if kind == "extra_forbidden" and path else ""
+    hint = _suggestion(str(path[-1]), model) if kind == "extra_forbidden" and path else ""
     complaint = _Complaint(
         place.line, tuple(path), _reason(item) + hint, _value(item), kind in _KINDS
     )
@@ -139,9 +145,9 @@ def _locate(tree: Entry, item: dict[str, Any], model: type[BaseModel]) -> _Compl
 def _at_named_key(place: Entry, complaint: _Complaint) -> _Complaint:
     """Move a complaint to the key that its reason begins with, such as 'springs.drive1 has …'."""
     first, _, rest = complaint.reason.partition(" ")
-    path = first.split(".")
+    path = [int(key) if key.isdecimal() else key for key in first.split(".")]
     for key in path:
-        entry = child(place.value, int(key) if key.isdecimal() else key)
+        entry = child(place.value, key)
         if entry is None:
             return complaint
         place = entry
