@@ -200,6 +200,17 @@ def assert_every_row(plan: Plan, step: float, *, periodic: bool) -> None:
     assert plan.error(result.table()).max() < (5e-3 if step else 2e-3)
 
 
+def test_rows_that_are_there_twice_count_once(tmp_path: Path) -> None:
+    plan = point_to_point(0.5)
+    known = [plan.time, *plan.q.T, *plan.qd.T, *plan.qdd.T]
+    rows = pl.DataFrame(dict(zip(names("t", "q", "qd", "qdd"), known, strict=True)))
+    pl.concat([rows, rows]).sort("t").write_csv(tmp_path / "plan.csv")
+    out = tmp_path / "tau.csv"
+    outcome = accepted("torque", "clavel-delta3", tmp_path / "plan.csv", "-o", out)
+    assert f"{len(rows)} of {2 * len(rows)} samples" in outcome.out
+    assert len(pl.read_csv(out)) == len(rows)
+
+
 def test_rows_of_ends_that_move_are_there_without_torques(tmp_path: Path) -> None:
     plan, out = circling(4.0, 1.3), tmp_path / "torque.csv"
     plan.frame().write_csv(tmp_path / "plan.csv")

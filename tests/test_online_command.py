@@ -149,6 +149,7 @@ def test_what_is_refused(folder: Path, tmp_path: Path) -> None:
     assert "--payload-max" in says(model, log, "--payload-max", -1)
     assert "--false-alarms" in says(model, log, "--false-alarms", 0)
     assert "--grip-time" in says(model, log, "--grip-time", -1)
+    assert "no effect without --gripper" in says(model, log, "--grip-time", 0.1)
     for lag in ("late", "1,2", "estimate"):
         assert "--lag" in says(model, log, "--lag", lag)
     assert "50 ms" in says(model, log, "--lag", 90)

@@ -26,6 +26,8 @@ def test_a_port_in_use_is_refused(tmp_path: Path) -> None:
         message = refused("show", "clavel-delta3", "--live", "--port", port, folder=tmp_path)
     assert f"--port {port}" in message
     assert "65535" in refused("show", "clavel-delta3", "--live", "--port", 99999, folder=tmp_path)
+    idle = refused("show", "clavel-delta3", "--port", 8080, folder=tmp_path)
+    assert "--port: has no effect without --live" in idle
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from deltaid.cli.output import (
     print_written,
     progress,
     require_outputs,
+    require_unset,
     styled,
     table,
     write_files,
@@ -138,17 +139,10 @@ def calibrate(
         raise DeltaidError(
             f"must be three numbers such as 0,0,-0.05, not {tool!r}", where="--tool"
         ) from None
-    for option, idle, needs in (
-        ("--sensors", offers is not None and not following, "--next 6"),
-        ("--budget", budget is not None and not following, "--next 6"),
-        ("--tool", any((x, y, z)) and not struts_apart, "--struts-apart"),
-    ):
-        if idle:
-            raise DeltaidError(
-                f"has no effect without {needs.split()[0]}",
-                where=option,
-                cure=f"add {needs}, or leave it out",
-            )
+    if not following:
+        require_unset({"--sensors": offers is not None, "--budget": budget is not None}, "--next 6")
+    if not struts_apart:
+        require_unset({"--tool": any((x, y, z))}, "--struts-apart")
     shop = shipped_offers() if offers is None else deltaid.load_offers(offers)
     with progress(as_json) as say:
         say("fitting the geometry")

@@ -23,6 +23,7 @@ from deltaid.cli.output import (
     progress,
     remark,
     require_outputs,
+    require_unset,
     used,
     write_files,
 )
@@ -209,6 +210,8 @@ def online(
     with used(known, force=force), progress(as_json) as say:
         say(f"checking {log}")
         replayed = replay.open_replay(known, log, mapping, gripper, delay)
+        if not replayed.has_gripper:
+            require_unset({"--grip-time": grip_time != 0.0}, "--gripper COLUMN")
         asked = deltaid.OnlineSettings(
             largest_mass=payload_max, false_alarms=false_alarms, grip_time=grip_time
         )

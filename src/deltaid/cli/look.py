@@ -20,6 +20,7 @@ from deltaid.cli.output import (
     progress,
     remark,
     require_outputs,
+    require_unset,
     used,
 )
 from deltaid.files import together
@@ -64,7 +65,9 @@ def show(
     from deltaid.view.live import DEFAULT_PORT, LiveView, require_viser
 
     require_outputs([robot], {"--report": report})
-    if live:
+    if not live:
+        require_unset({"--port": port is not None}, "--live")
+    else:
         require_viser()
         if port is not None:
             own_page.free_port((port,))

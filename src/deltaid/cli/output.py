@@ -290,6 +290,25 @@ def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
     sys.stderr.flush()
 
 
+def require_unset(given: Mapping[str, bool], needs: str) -> None:
+    """Refuse options that have no effect without another one.
+
+    Args:
+        given: options, and whether each differs from its default.
+        needs: the missing option, with a value if it takes one.
+
+    Raises:
+        DeltaidError: one of these options is given.
+    """
+    for option, is_given in given.items():
+        if is_given:
+            raise DeltaidError(
+                f"has no effect without {needs.split()[0]}",
+                where=option,
+                cure=f"add {needs}, or leave it out",
+            )
+
+
 def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Path | None]) -> None:
     """Raise, before any work, for files that cannot be written, or would replace an input or each
     other.

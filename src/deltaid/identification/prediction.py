@@ -215,7 +215,7 @@ class FeedForward(Shown, Tabled):
     @property
     def samples(self) -> int:
         """Number of rows: that of the motion, where its rows are evenly spaced."""
-        if self.recording.low_pass is None or self.recording.log.laid.steady:
+        if self.recording.log.laid.steady:
             return self.recording.log.samples
         return sum(len(part) for part in self._computed())
 
