@@ -19,6 +19,7 @@ CAUSES_OF: dict[str, frozenset[str]] = {
     "balancer": frozenset({"drive-spring"}),
     "hose": frozenset({"platform-force", "platform-spring", "platform-drag"}),
     "askew": frozenset({"structure"}),
+    "heavy-limb": frozenset({"limb"}),
 }
 
 

@@ -8,7 +8,17 @@ from drives.made import Faults
 from drives.measured import falling_gain, gear_ratio, ripple, saturation, zeros
 from drives.mixture import Mixture
 from drives.rows import LENGTHS
-from drives.undescribed import askew, asymmetric, balancer, force, hose, long_limb, spring, tilt
+from drives.undescribed import (
+    askew,
+    asymmetric,
+    balancer,
+    force,
+    heavy_limb,
+    hose,
+    long_limb,
+    spring,
+    tilt,
+)
 
 CAUSES: dict[str, Faults | Mixture] = {
     "ripple": Faults("ripple of 3 %", ((ripple, 0.03),)),
@@ -23,6 +33,7 @@ CAUSES: dict[str, Faults | Mixture] = {
     "saturation": Faults("motors that saturate at 90 %", ((saturation, 0.9),)),
     "gear-ratio": Faults("gear ratio of one drive 1 % off", ((gear_ratio, 0.01),)),
     "long-limb": Faults("arm or strut of one limb 1 mm longer", ((long_limb, LENGTHS),)),
+    "heavy-limb": Faults("arm of one limb 20 to 50 % heavier", ((heavy_limb, (0.2, 0.5)),)),
     "balancer": Faults("springs at the drives, 3 to 10 % of the torque",
                        ((balancer, (0.03, 0.1)),)),
     "tilt": Faults("base tilted by 2°", ((tilt, 2.0),)),

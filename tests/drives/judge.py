@@ -10,6 +10,7 @@ from deltaid.checks.identify import Judged as Identified
 from deltaid.model.corrections import Correction
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict
+from deltaid.robot.inertia import INERTIA_NAMES
 from drives.errors import (
     curves_held,
     friction_error,
@@ -242,9 +243,22 @@ def outside(span: Span, others: Sequence[Span]) -> float:
     return length + max(0.0, span[1] - at)
 
 
+def _truth(case: Case) -> dict[str, float]:
+    """True parameters by name, those of each limb's own bodies too."""
+    truth = dict(zip(case.machine.layout.names, case.machine.plant.p.tolist(), strict=True))
+    oracle, shared = case.machine.plant.oracle, case.robot.limb_bodies(0)
+    for i, limb in enumerate(oracle.limbs):
+        for name, body in zip(shared, (limb.driven, limb.strut_body), strict=True):
+            (xx, xy, xz), (_, yy, yz), (_, _, zz) = oracle.bodies[body].inertia.tolist()
+            entries = (oracle.bodies[body].m, *oracle.bodies[body].mc, xx, yy, zz, xy, yz, xz)
+            named = zip(INERTIA_NAMES, entries, strict=True)
+            truth |= {f"{name}{i + 1}.{symbol}": float(value) for symbol, value in named}
+    return truth
+
+
 def _bodies(case: Case, model: IdentifiedModel) -> list[bool]:
     """Whether intervals contain the truth, for bodies' entries that data determine."""
-    truth = dict(zip(case.machine.layout.names, case.machine.plant.p, strict=True))
+    truth = _truth(case)
     bodies = model.layout.parameters[: 10 * len(model.layout.bodies)]
     names = {parameter.name for parameter in bodies}
     return [
@@ -258,7 +272,7 @@ def _bodies(case: Case, model: IdentifiedModel) -> list[bool]:
 def _base(case: Case, result: Identified) -> list[bool]:
     """Whether intervals contain the truth, for base parameters without friction, which `curves`
     judges."""
-    truth = dict(zip(case.machine.layout.names, case.machine.plant.p, strict=True))
+    truth = _truth(case)
     p = np.array([truth.get(name, 0.0) for name in result.model.layout.names])
     combination = result.base.combination()
     values = combination[:, : len(p)] @ p

@@ -11,11 +11,11 @@ from drives.made import Made
 from drives.pulls import Balancer, Hose
 from drives.robots import Machine
 from drives.rows import unit
-from oracle.tree import Array
+from oracle.tree import Array, Body
 from plants import bodies_of
 
-# Strut length of the IRB 360 class (m).
-_STRUT = 1.18
+# Strut length of the IRB 360 class (m); standard deviation of a mass from the line of an arm (m).
+_STRUT, _ASIDE = 1.18, 0.02
 # Distance of a body's centre from its axis, for arms and tools, and for all others (m); least and
 # largest rotation of its axes of inertia (degrees).
 _HEAVY, _SLENDER, _TURNED = 4e-3, 1e-3, (0.2, 2.0)
@@ -83,6 +83,20 @@ def long_limb(made: Made, rng: np.random.Generator, size: float) -> Made:
         limbs[k], part = replace(limbs[k], strut=limbs[k].strut + size), "strut"
     words = f"{part} of limb {k + 1} {1e3 * size:.2g} mm longer"
     return made.with_oracle(words, replace(oracle, limbs=tuple(limbs)))
+
+
+def heavy_limb(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """One limb's arm or carriage carries a point mass, a share of its own mass."""
+    oracle = made.machine.plant.oracle
+    limbs, k = list(oracle.limbs), int(rng.integers(len(oracle.limbs)))
+    body, reach = oracle.bodies[limbs[k].driven], rng.uniform(0.3, 1.0) * (limbs[k].arm or 0.0)
+    mass, r = size * body.m, np.array([reach, 0.0, 0.0]) + _ASIDE * rng.standard_normal(3)
+    more = Body(body.m + mass, body.mc + mass * r,
+                body.inertia + mass * (r @ r * np.eye(3) - np.outer(r, r)))  # fmt: skip
+    limbs[k] = replace(limbs[k], driven="heavier")
+    bodies = oracle.bodies | {"heavier": more}
+    words = f"{size:.0%} of its mass more on the driven body of limb {k + 1}"
+    return made.with_oracle(words, replace(oracle, bodies=bodies, limbs=tuple(limbs)))
 
 
 def tilt(made: Made, rng: np.random.Generator, size: float) -> Made:

@@ -15,6 +15,7 @@ from deltaid.effects.friction import (
 from deltaid.effects.gain import Gain
 from deltaid.effects.gain_over_time import GainOverTime
 from deltaid.effects.geometry import GearRatios, Lengths, Structure, Tilt, Zeros
+from deltaid.effects.limbs import UnlikeLimbs
 from deltaid.effects.load import LoadChange
 from deltaid.effects.missing_friction import MissingFriction
 from deltaid.effects.place import PlaceDependence
@@ -53,6 +54,7 @@ UNKNOWNS: tuple[UnknownEffect, ...] = (
     Tilt(),
     Lengths(),
     Structure(),
+    UnlikeLimbs(),
 )
 
 

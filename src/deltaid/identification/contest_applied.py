@@ -9,6 +9,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.along_motion import AtDrives, AtPlatform, DriveSpring, with_offsets
 from deltaid.effects.geometry import Structure, opened, reshaped
+from deltaid.effects.limbs import UnlikeLimbs, separated
 from deltaid.effects.point import Added, UnknownEffect
 from deltaid.effects.unexplained import FreeTorque
 from deltaid.effects.windings import motors_of
@@ -21,7 +22,7 @@ from deltaid.recording.columns import Readings
 
 # Corrections that only the contest makes.
 _KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant",
-                            "torque-drift", "structure")  # fmt: skip
+                            "torque-drift", "structure", "limb")  # fmt: skip
 
 # Effects that stay columns of the fit.
 _ADDED = (AtPlatform, AtDrives, FreeTorque)
@@ -81,6 +82,8 @@ def with_effects(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
         )
     if Structure.name in outcome.kept:
         now = now.with_robot(opened(now.robot))
+    if UnlikeLimbs.name in outcome.kept:
+        now = now.with_robot(separated(now.robot))
     if DriveSpring.name in outcome.kept:
         now = now.with_robot(with_offsets(now.robot))
     additions = list(without_lags(now.additions))
@@ -112,10 +115,11 @@ def _corrections(
 ) -> Iterator[Correction]:
     """Corrections of an effect, per recording where each has its own coefficients."""
     points = last.points if unknown.is_own else last.points[:1]
-    sizes = [
-        np.split(coefficients.get(unknown.name, np.zeros(0)), len(points))
-        for coefficients in (outcome.values, outcome.deviations)
-    ]
+    known = [outcome.values.get(unknown.name), outcome.deviations.get(unknown.name)]
+    if unknown.is_fitted:
+        group = last.group(unknown.name)
+        known = [last.shrunk.x[group.columns], last.shrunk.deviation(group)]
+    sizes = [np.split(np.zeros(0) if x is None else x, len(points)) for x in known]
     for point, values, deviations in zip(points, *sizes, strict=True):
         log = point.trace.recording.path.name if unknown.is_own else ""
         for correction in unknown.corrections(outcome.described, values, NORMAL * deviations):

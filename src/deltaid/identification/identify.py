@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import fitted_effects
+from deltaid.effects.limbs import moves_of_limbs
 from deltaid.errors import UnsettledFrictionError
 from deltaid.estimation.additions import split_by_addition
 from deltaid.estimation.base_parameters import BaseParameters
@@ -130,7 +131,7 @@ def identify(
     )
     first = Setup(robot, tuple(recording.excerpted() for recording in recordings), settings)
     setup, problem = _fitted(first, progress)
-    moves = setup.outcome.moves if setup.outcome is not None else ()
+    moves = () if setup.outcome is None else moves_of_limbs(setup.outcome.moves, robot)
     moves = (*moves, *_moves_of_laws(setup, robot.friction, problem), *moves_of_scale(problem))
     problem = with_geometry(replace(problem, moves=moves), setup.recordings)
     return _identification(setup, with_widened_prior(problem, setup.recordings), progress)

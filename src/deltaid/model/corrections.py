@@ -116,6 +116,7 @@ Kind = Literal[
     "drive-spring",
     "platform-force",
     "structure",
+    "limb",
     "prior",
     "cutoff",
 ]
@@ -146,6 +147,7 @@ NAMES: dict[Kind, str] = {
     "drive-spring": "springs at drives",
     "platform-force": "force at the platform",
     "structure": "shape of bodies",
+    "limb": "limbs that differ",
     "prior": "prior made wider",
     "cutoff": "cut-off of the filter",
 }

@@ -1,0 +1,101 @@
+"""Limbs whose bodies differ, though the description says that all share theirs."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import null_space
+
+from deltaid.effects.point import SIZE, Deviations, TracePoint, UnknownEffect
+from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
+from deltaid.estimation.information import active_columns
+from deltaid.estimation.posterior_draws import with_own_limbs
+from deltaid.estimation.reduction import Reduction, build_reduction
+from deltaid.model.corrections import Correction
+from deltaid.robot.description import RobotDescription
+
+
+class UnlikeLimbs(UnknownEffect):
+    """Deviations d_i of limb i's arm or carriage from the mean of all limbs [kg, kg m, kg m²].
+
+    Its torque acts on its own drive alone, so of the columns Y_b of the shared body b limb i has
+    the rows Y_b,i of its drive:
+
+        τ_i = Y_i p + Y_b,i d_i,   Σ_i d_i = 0.
+
+    A heavier strut changes torques nearly as a mass at the end of the arm does.
+    """
+
+    name = corrected_as = "limb"
+    is_of_parts = False  # a hose or a valve on one arm is no error of manufacture
+    is_fitted = True
+
+    def columns(self, point: TracePoint) -> ColumnsOfDrives:
+        reduction, driven = _driven(point)
+        if not driven:
+            return np.zeros((*point.model.shape, 0))
+        shared = point.trace.regressor() @ reduction.A[active_columns(point.dynamics)][:, driven]
+        from_mean = _from_mean(point.dynamics.robot)
+        own = of_own_drives(shared)[:, :, : len(from_mean) * len(driven)]
+        return own @ np.kron(from_mean, np.eye(len(driven)))
+
+    def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
+        reduction, driven = _driven(point)
+        differences = columns.shape[2] // len(driven)
+        return SIZE * np.tile(reduction.scale[driven], differences)
+
+    def corrections(
+        self, robot: RobotDescription, values: Deviations, half: Deviations
+    ) -> tuple[Correction, ...]:
+        from_mean = _from_mean(robot)
+        deviations = from_mean @ values.reshape(from_mean.shape[1], -1)
+        shares = (deviations**2 / np.sum(deviations**2, axis=0)).sum(axis=1)
+        most = f"limb {int(np.argmax(shares)) + 1}"
+        text = (
+            "it differs most from the others, as with a hose or valve on one arm, or a wrong part; "
+            "each limb has its own bodies now"
+        )
+        return (Correction(kind="limb", subject=most, text=text),)
+
+
+def separated(robot: RobotDescription) -> RobotDescription:
+    """The robot with own bodies in each limb."""
+    return with_own_limbs(robot).changed(measured=robot.measured, sensors=robot.sensors)
+
+
+def moves_of_limbs(
+    moves: Sequence[Mapping[str, float]], described: RobotDescription
+) -> tuple[Mapping[str, float], ...]:
+    """Changes of parameters by name, those of shared bodies for each limb's own ones too."""
+    count, shared = len(described.identical_drives), described.limb_bodies(0)
+    return tuple(
+        dict(move)
+        | {
+            f"{body}{limb + 1}.{symbol}": change
+            for name, change in move.items()
+            for body, _, symbol in [name.partition(".")]
+            if body in shared
+            for limb in range(count)
+        }
+        for move in moves
+    )
+
+
+def _from_mean(robot: RobotDescription) -> Float[np.ndarray, "limbs differences"]:
+    """Independent deviations of limbs from their mean."""
+    return null_space(np.ones((1, len(robot.identical_drives))))
+
+
+def _driven(point: TracePoint) -> tuple[Reduction, list[int]]:
+    """The reduction, and numbers of the free entries of the driven body that limbs share; none
+    where it was weighed, for that holds for all limbs."""
+    robot = point.dynamics.robot
+    reduction = build_reduction(robot, active_columns(point.dynamics))
+    if len(robot.identical_drives) < 2:
+        return reduction, []
+    shared = robot.limb_bodies(0)
+    together = {placed.body for measured in robot.measured for placed in measured.placed}
+    if any(robot.bodies[name].measured or name in together for name in shared):
+        return reduction, []
+    variables = enumerate(reduction.variables)
+    return reduction, [k for k, variable in variables if variable.owner == shared[0]]
