@@ -61,6 +61,14 @@ def test_reversals_tell_a_lag_and_whether_there_is_a_filter(dead: float, constan
     assert not found.doubtful.any()
 
 
+def test_steps_are_found_where_other_rows_imitate_a_large_lag() -> None:
+    """As motors that saturate do, where steps are at the row of the reversal."""
+    p = prior_parameters(compiled(load_robot("clavel-delta3")).robot)
+    found = lags_of_reversals(recording(1e-3), (), p, np.array([1e-3, 0.02, -0.02]))
+    np.testing.assert_array_less(np.abs(found.values - 1e-3), 2 * found.deviation)
+    assert found.deviation.max() < 5e-4
+
+
 @pytest.mark.parametrize("constant", [0.0, 3.3e-3])
 def test_a_filter_whose_tails_are_in_noise_is_no_step_at_once(constant: float) -> None:
     p = prior_parameters(compiled(load_robot("clavel-delta3")).robot)

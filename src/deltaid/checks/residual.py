@@ -18,7 +18,8 @@ from deltaid.checks.evidence import Evidence
 from deltaid.checks.lag import checked_lag
 from deltaid.checks.wiring.residual import ABOVE, LEAST
 from deltaid.effects.all import effect_of
-from deltaid.effects.effect import Cause, DescribedEffect, causes_of
+from deltaid.effects.effect import Cause, DescribedEffect, Effect, causes_of
+from deltaid.effects.point import UnknownEffect
 from deltaid.effects.unexplained import FreeTorque, in_words
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
@@ -79,12 +80,17 @@ def checked_residual(evidence: Evidence) -> Iterator[Verdict]:
     is_weighed = is_weighed and not study.is_disturbed
     for cause in causes:
         verdict = _verdict(cause, recording)
-        if verdict is not None and is_weighed and effect_of(cause).is_contested:
+        if verdict is not None and is_weighed and _is_corrected(effect_of(cause)):
             verdict = replace(verdict, cause=f"{verdict.cause}; {_NOT_CORRECTED}")
         if verdict is not None:
             yield verdict
     if not is_unexplained:
         yield _rest(study, rings=ringing.grade is not Grade.GOOD)
+
+
+def _is_corrected(effect: Effect) -> bool:
+    """Whether an identification corrects such an effect where that explains the torques."""
+    return effect.is_contested or (isinstance(effect, UnknownEffect) and effect.is_candidate)
 
 
 def detected_load(study: Study) -> Verdict:

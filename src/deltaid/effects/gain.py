@@ -28,7 +28,6 @@ class Gain(UnknownEffect, DescribedEffect):
     """
 
     kind = "drive-gain"
-    is_contested = True
     name = "gain"
     deviation = 0.03
     likeliest = "a torque constant, rated torque or gear that is not what the mapping says"

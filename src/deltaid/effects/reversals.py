@@ -95,9 +95,15 @@ def lags_of_reversals(
     far, near = _FAR + period, _NEAR + period
     held = trace.recording.repairs.hold or (False,) * len(known)  # interpolated, so no step is left
     modelled = [_modelled(trace, additions, p, stretch) for stretch in trace.stretches]
-    for i, start in enumerate(known.tolist()):
-        rough = located(_about_reversals(trace, modelled, i, start, far), start, far)
-        if held[i] or rough is None:
+    for i, by_rows in enumerate(known.tolist()):
+        if held[i]:
+            continue
+        # Without steps there, other rows show no lag, but a motor that saturates, say.
+        for start in (by_rows, 0.0):
+            rough = located(_about_reversals(trace, modelled, i, start, far), start, far)
+            if rough is not None:
+                break
+        else:
             continue
         steps = _about_reversals(trace, modelled, i, rough[0], near)
         place = located(steps, rough[0], near)
