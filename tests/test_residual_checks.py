@@ -240,12 +240,26 @@ def test_one_column_of_computed_torques_is_named() -> None:
 
 
 @pytest.mark.parametrize(("effects", "is_in_doubt"), [("correct", True), ("none", False)])
+@pytest.mark.parametrize(
+    ("key", "words", "added"),
+    [
+        ("geometry-or-cogging", "cogging of the motor, or teeth of the gear",
+         lambda q, tau: 3.0 * np.sin(2 * np.pi * 9 * q)),
+        ("drive-gain", "a torque constant, rated torque or gear that is not what the mapping says",
+         lambda q, tau: [0.0, 0.0, 0.2] * tau),
+    ],
+)  # fmt: skip
 def test_a_cause_that_was_not_corrected_may_be_something_else(
-    effects: EffectsChoice, is_in_doubt: bool
+    key: str,
+    words: str,
+    added: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    effects: EffectsChoice,
+    is_in_doubt: bool,
 ) -> None:
     """An identification corrects such causes, and leaves those that do not explain the torques."""
     table, (_, _, q, _, _) = frame(np.zeros(3), noise=0.01), truth()
-    tau = table.select(["tau1", "tau2", "tau3"]).to_numpy() + 3.0 * np.sin(2 * np.pi * 9 * q)
+    tau = table.select(["tau1", "tau2", "tau3"]).to_numpy()
+    tau = tau + added(q, tau)
     robot, table = load_robot("clavel-delta3"), table.with_columns(tabled(tau=tau))
     record = evidence(robot, table, settings=Settings(effects=effects))
     before = {v.key: v.cause for v in checked_residual(record)}
@@ -253,8 +267,8 @@ def test_a_cause_that_was_not_corrected_may_be_something_else(
     assert isinstance(record.surveyed, PreparedRecording)
     fitted = with_fit(record, record.fitted, record.surveyed, record.study)
     after = {v.key: v.cause for v in checked_residual(fitted)}
-    assert before["geometry-or-cogging"] == "cogging of the motor, or teeth of the gear"
-    assert ("something unknown that looks like it" in after["geometry-or-cogging"]) == is_in_doubt
+    assert before[key] == words
+    assert ("something unknown that looks like it" in after[key]) == is_in_doubt
 
 
 def noise_of(tau: np.ndarray) -> np.ndarray:

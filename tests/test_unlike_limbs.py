@@ -96,6 +96,7 @@ def test_a_heavier_arm_is_named_and_each_limb_has_its_own_bodies(tmp_path: Path)
     assert judged.M < 0.003  # 1.7 % where limbs are identical, with a tilt or a ripple
     assert np.mean(judged.base) > 0.8
     assert not result.robot.limbs.identical
+    assert any("U1.mcx" in move for move in result.problem.moves)
     result.model.save(tmp_path / "model.yaml")
     loaded = deltaid.load(tmp_path / "model.yaml")
     assert loaded.p == pytest.approx(result.model.p)

@@ -98,12 +98,10 @@ def lags_of_reversals(
     for i, by_rows in enumerate(known.tolist()):
         if held[i]:
             continue
-        # Without steps there, other rows show no lag, but a motor that saturates, say.
-        for start in (by_rows, 0.0):
-            rough = located(_about_reversals(trace, modelled, i, start, far), start, far)
-            if rough is not None:
-                break
-        else:
+        # Lags by other rows may be something else, as motors that saturate: no lag is in reach too.
+        middle, reach = 0.5 * by_rows, 0.5 * abs(by_rows) + far
+        rough = located(_about_reversals(trace, modelled, i, middle, reach), middle, reach)
+        if rough is None:
             continue
         steps = _about_reversals(trace, modelled, i, rough[0], near)
         place = located(steps, rough[0], near)
