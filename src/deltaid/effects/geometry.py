@@ -60,7 +60,7 @@ class Tilt(UnknownEffect):
     """Turns of gravity about two axes across it [rad]; a tilt beyond the limit is visible by eye,
     and no error of mounting."""
 
-    name = "tilt"
+    name = corrected_as = "tilt"
     corrects = "robot"
     deviation = 1e-2
     limit = BY_EYE
@@ -144,7 +144,7 @@ class Structure(UnknownEffect):
     that is turned by as many radians, by this share of m ℓ².
     """
 
-    name = "structure"
+    name = corrected_as = "structure"
     is_fitted = True
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
@@ -158,6 +158,9 @@ class Structure(UnknownEffect):
     def names(self, point: TracePoint) -> tuple[str, ...]:
         reduction, left_out = _left_out(point)
         return tuple(reduction.names[k] for k in left_out)
+
+    def opened(self, robot: RobotDescription) -> RobotDescription:
+        return opened(robot)
 
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations

@@ -1,7 +1,5 @@
 """Limbs whose bodies differ, though the description says that all share theirs."""
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import null_space
@@ -44,6 +42,9 @@ class UnlikeLimbs(UnknownEffect):
         differences = columns.shape[2] // len(driven)
         return SIZE * np.tile(reduction.scale[driven], differences)
 
+    def opened(self, robot: RobotDescription) -> RobotDescription:
+        return with_own_limbs(robot).changed(measured=robot.measured, sensors=robot.sensors)
+
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:
@@ -56,29 +57,6 @@ class UnlikeLimbs(UnknownEffect):
             "each limb has its own bodies now"
         )
         return (Correction(kind="limb", subject=most, text=text),)
-
-
-def separated(robot: RobotDescription) -> RobotDescription:
-    """The robot with own bodies in each limb."""
-    return with_own_limbs(robot).changed(measured=robot.measured, sensors=robot.sensors)
-
-
-def moves_of_limbs(
-    moves: Sequence[Mapping[str, float]], described: RobotDescription
-) -> tuple[Mapping[str, float], ...]:
-    """Changes of parameters by name, those of shared bodies for each limb's own ones too."""
-    count, shared = len(described.identical_drives), described.limb_bodies(0)
-    return tuple(
-        dict(move)
-        | {
-            f"{body}{limb + 1}.{symbol}": change
-            for name, change in move.items()
-            for body, _, symbol in [name.partition(".")]
-            if body in shared
-            for limb in range(count)
-        }
-        for move in moves
-    )
 
 
 def _from_mean(robot: RobotDescription) -> Float[np.ndarray, "limbs differences"]:

@@ -202,7 +202,7 @@ class UnknownEffect(ABC):
 
     name: str
     deviation: ClassVar[float] = 0.0
-    corrected_as: ClassVar[Kind]
+    corrected_as: ClassVar[Kind | None] = None
     unit: ClassVar[str] = ""
     text: ClassVar[str] = ""
     is_candidate: ClassVar[bool] = True
@@ -235,6 +235,10 @@ class UnknownEffect(ABC):
         """Whether physics allows such coefficients; if not, they mimic another cause."""
         return True
 
+    def opened(self, robot: RobotDescription) -> RobotDescription:
+        """The robot whose free parameters include the effect, if the final fit estimates it."""
+        return robot
+
     def possible(self, values: Deviations) -> Deviations:
         """The nearest coefficients that physics allows."""
         return np.maximum(values, 0.0) if self.is_positive else values
@@ -243,7 +247,7 @@ class UnknownEffect(ABC):
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:
         """Corrections by coefficients and half widths of their 95 % intervals."""
-        if not self.text:
+        if not self.text or self.corrected_as is None:
             return ()
         scale = 100.0 if self.unit == "%" else 1.0
         sizes = (scale * np.stack([values, half], axis=1)).tolist()

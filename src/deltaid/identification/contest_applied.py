@@ -8,8 +8,7 @@ import numpy as np
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.along_motion import AtDrives, AtPlatform, DriveSpring, with_offsets
-from deltaid.effects.geometry import Structure, opened, reshaped
-from deltaid.effects.limbs import UnlikeLimbs, separated
+from deltaid.effects.geometry import reshaped
 from deltaid.effects.point import Added, UnknownEffect
 from deltaid.effects.unexplained import FreeTorque
 from deltaid.effects.windings import motors_of
@@ -19,10 +18,6 @@ from deltaid.identification.lags_and_gears import without_lags
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Setup
 from deltaid.model.corrections import Correction, Kind
 from deltaid.recording.columns import Readings
-
-# Corrections that only the contest makes.
-_KINDS: tuple[Kind, ...] = ("zero", "gear-ratio", "tilt", "length", "torque-constant",
-                            "torque-drift", "structure", "limb")  # fmt: skip
 
 # Effects that stay columns of the fit.
 _ADDED = (AtPlatform, AtDrives, FreeTorque)
@@ -38,7 +33,8 @@ def without_contest(setup: Setup) -> Setup:
                     "tolerances": described.tolerances, "bodies": described.bodies}
         )  # fmt: skip
     kept = tuple(a for a in setup.additions if not isinstance(a, _ADDED))
-    bare = setup.changed(additions=kept, outcome=None).with_robot(robot).reported((), *_KINDS)
+    kinds: list[Kind] = [u.corrected_as for u in UNKNOWNS if u.corrected_as is not None]
+    bare = setup.changed(additions=kept, outcome=None).with_robot(robot).reported((), *kinds)
     return bare.all_repaired(readings=None, drift=None)
 
 
@@ -80,10 +76,9 @@ def with_effects(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
         now = now.with_robot(
             now.robot.model_copy(update={"limbs": robot.limbs, "gravity": robot.gravity})
         )
-    if Structure.name in outcome.kept:
-        now = now.with_robot(opened(now.robot))
-    if UnlikeLimbs.name in outcome.kept:
-        now = now.with_robot(separated(now.robot))
+    for unknown in UNKNOWNS:
+        if unknown.is_fitted and unknown.name in outcome.kept:
+            now = now.with_robot(unknown.opened(now.robot))
     if DriveSpring.name in outcome.kept:
         now = now.with_robot(with_offsets(now.robot))
     additions = list(without_lags(now.additions))

@@ -24,6 +24,7 @@ from deltaid.estimation.problem import lengths
 from deltaid.identification.measured_rows import MeasuredRows
 from deltaid.recording.log import MOST_WINDOWS
 from deltaid.recording.recording import PreparedRecording
+from deltaid.robot.body import NUMBERED
 from deltaid.robot.tolerances import Tolerances
 from deltaid.sensors.robot_sensors import sensor_errors
 
@@ -46,9 +47,12 @@ class Geometry:
         return cls((), np.zeros((base.rank, 0)))
 
     def with_causes(self, base: BaseParameters, moves: Sequence[Mapping[str, float]]) -> "Geometry":
-        """With corrected causes, whose deviations change parameters by `moves`, by name."""
-        names = base.layout.names
-        parameters = np.array([[move.get(name, 0.0) for name in names] for move in moves])
+        """With corrected causes, whose deviations change parameters by `moves`, by name; those of
+        a shared body change each limb's own."""
+        names = [(name, NUMBERED.sub(r"\1", name)) for name in base.layout.names]
+        parameters = np.array(
+            [[move.get(own, move.get(shared, 0.0)) for own, shared in names] for move in moves]
+        )
         shifts = base.combination() @ parameters.reshape(-1, len(names)).T
         causes = tuple(f"cause {k + 1}" for k in range(len(moves)))
         return Geometry((*self.names, *causes), np.hstack([self.shifts, shifts]))

@@ -10,7 +10,6 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.along_motion import fitted_effects
-from deltaid.effects.limbs import moves_of_limbs
 from deltaid.errors import UnsettledFrictionError
 from deltaid.estimation.additions import split_by_addition
 from deltaid.estimation.base_parameters import BaseParameters
@@ -131,7 +130,7 @@ def identify(
     )
     first = Setup(robot, tuple(recording.excerpted() for recording in recordings), settings)
     setup, problem = _fitted(first, progress)
-    moves = () if setup.outcome is None else moves_of_limbs(setup.outcome.moves, robot)
+    moves = () if setup.outcome is None else setup.outcome.moves
     moves = (*moves, *_moves_of_laws(setup, robot.friction, problem), *moves_of_scale(problem))
     problem = with_geometry(replace(problem, moves=moves), setup.recordings)
     return _identification(setup, with_widened_prior(problem, setup.recordings), progress)
