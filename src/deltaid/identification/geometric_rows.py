@@ -51,7 +51,7 @@ class Geometry:
         a shared body change each limb's own."""
         names = [(name, NUMBERED.sub(r"\1", name)) for name in base.layout.names]
         parameters = np.array(
-            [[move.get(own, move.get(shared, 0.0)) for own, shared in names] for move in moves]
+            [[move.get(name, move.get(shared, 0.0)) for name, shared in names] for move in moves]
         )
         shifts = base.combination() @ parameters.reshape(-1, len(names)).T
         causes = tuple(f"cause {k + 1}" for k in range(len(moves)))
