@@ -149,7 +149,7 @@ class Structure(UnknownEffect):
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         reduction, left_out = _left_out(point)
-        return point.trace.regressor() @ reduction.A[active_columns(point.dynamics)][:, left_out]
+        return point.regressor @ reduction.A[active_columns(point.dynamics)][:, left_out]
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
         reduction, left_out = _left_out(point)

@@ -32,7 +32,7 @@ class UnlikeLimbs(UnknownEffect):
         reduction, driven = _driven(point)
         if not driven:
             return np.zeros((*point.model.shape, 0))
-        shared = point.trace.regressor() @ reduction.A[active_columns(point.dynamics)][:, driven]
+        shared = point.regressor @ reduction.A[active_columns(point.dynamics)][:, driven]
         from_mean = _from_mean(point.dynamics.robot)
         own = of_own_drives(shared)[:, :, : len(from_mean) * len(driven)]
         return own @ np.kron(from_mean, np.eye(len(driven)))

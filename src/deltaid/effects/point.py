@@ -93,6 +93,11 @@ class TracePoint:
         return self.trace.model(self.p)
 
     @cached_property
+    def regressor(self) -> ColumnsOfDrives:
+        """The active columns of Y, filtered; several effects use them."""
+        return self.trace.regressor()
+
+    @cached_property
     def largest(self) -> Float[np.ndarray, " dof"]:
         largest = np.abs(self.model).max(axis=1)
         return np.where(largest > 0, largest, 1.0)  # any, of a drive that rests all the time
