@@ -8,15 +8,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import deltaid
-from deltaid.cli.options import YAML, AsJson, Report, Robot, bounded, names, output_file
+from deltaid.cli.options import (
+    YAML,
+    AsJson,
+    Report,
+    Robot,
+    bounded,
+    names,
+    output_file,
+    require_outputs,
+    require_unset,
+)
 from deltaid.cli.output import (
     SCREEN,
     console,
     print_json,
     print_written,
     progress,
-    require_outputs,
-    require_unset,
     styled,
     table,
     write_files,

@@ -21,6 +21,7 @@ from deltaid.cli.options import (
     Robot,
     bounded,
     output_file,
+    require_outputs,
 )
 from deltaid.cli.output import (
     WIDEST,
@@ -29,7 +30,6 @@ from deltaid.cli.output import (
     print_written,
     progress,
     remark,
-    require_outputs,
     styled,
     write_files,
 )

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import deltaid
-from deltaid.cli.options import CSV, AsJson, Columns, ModelOrRobot, Report, UsePoor, output_file
+from deltaid.cli.options import (
+    CSV,
+    AsJson,
+    Columns,
+    ModelOrRobot,
+    Report,
+    UsePoor,
+    output_file,
+    require_outputs,
+)
 from deltaid.cli.output import (
     console,
     print_found,
@@ -17,7 +26,6 @@ from deltaid.cli.output import (
     print_written,
     progress,
     remark,
-    require_outputs,
     table,
     used,
     write_files,

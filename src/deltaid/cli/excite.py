@@ -11,12 +11,21 @@ from typing import Annotated, Any
 import typer
 
 import deltaid
-from deltaid.cli.options import CSV, AsJson, Full, Report, Robot, UsePoor, bounded, output_file
+from deltaid.cli.options import (
+    CSV,
+    AsJson,
+    Full,
+    Report,
+    Robot,
+    UsePoor,
+    bounded,
+    output_file,
+    require_outputs,
+)
 from deltaid.cli.output import (
     note_planned,
     print_outcome,
     progress,
-    require_outputs,
     used,
     write_files,
 )

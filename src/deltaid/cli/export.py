@@ -16,14 +16,14 @@ from deltaid.cli.options import (
     bounded,
     names,
     output_file,
+    require_outputs,
+    require_unset,
 )
 from deltaid.cli.output import (
     print_outcome,
     print_written,
     progress,
     remark,
-    require_outputs,
-    require_unset,
     used,
     write_files,
 )

@@ -23,8 +23,9 @@ from deltaid.cli.options import (
     Robot,
     UsePoor,
     output_file,
+    require_outputs,
 )
-from deltaid.cli.output import print_outcome, progress, remark, require_outputs, used
+from deltaid.cli.output import print_outcome, progress, remark, used
 from deltaid.errors import DeltaidError
 
 if TYPE_CHECKING:

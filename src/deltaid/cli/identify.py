@@ -28,6 +28,7 @@ from deltaid.cli.options import (
     Robot,
     bounded,
     output_file,
+    require_outputs,
 )
 from deltaid.cli.output import (
     console,
@@ -38,7 +39,6 @@ from deltaid.cli.output import (
     print_written,
     progress,
     remark,
-    require_outputs,
     write_files,
 )
 from deltaid.errors import DeltaidError

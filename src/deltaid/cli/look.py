@@ -9,7 +9,17 @@ from typing import Annotated, Any, Literal
 import typer
 
 import deltaid
-from deltaid.cli.options import AsJson, ColumnFiles, Cutoff, Full, KeepAll, bounded, output_file
+from deltaid.cli.options import (
+    AsJson,
+    ColumnFiles,
+    Cutoff,
+    Full,
+    KeepAll,
+    bounded,
+    output_file,
+    require_outputs,
+    require_unset,
+)
 from deltaid.cli.output import (
     Finished,
     console,
@@ -19,8 +29,6 @@ from deltaid.cli.output import (
     print_written,
     progress,
     remark,
-    require_outputs,
-    require_unset,
     used,
 )
 from deltaid.files import together

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import deltaid
-from deltaid.cli.options import output_file
+from deltaid.cli.options import output_file, require_outputs
 from deltaid.cli.output import (
     console,
     print_found,
     print_next,
     print_written,
     remark,
-    require_outputs,
     styled,
     write_files,
 )

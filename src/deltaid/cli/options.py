@@ -1,14 +1,16 @@
-"""Options of several commands, and types of options."""
+"""Options of several commands, types of options, and options that are refused together."""
 
 import glob
 import math
 import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from deltaid.errors import DeltaidError, positive, within
+from deltaid.files import require_writable
 from deltaid.model.options import ComplianceChoice, lag_of
 
 
@@ -138,3 +140,45 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 def names(text: str) -> tuple[str, ...]:
     """Names from a list such as 'strut,upper_arm'."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def require_unset(given: Mapping[str, bool], needs: str) -> None:
+    """Refuse options that have no effect without another one.
+
+    Args:
+        given: options, and whether each differs from its default.
+        needs: the missing option, with a value if it takes one.
+
+    Raises:
+        DeltaidError: one of these options is given.
+    """
+    for option, is_given in given.items():
+        if is_given:
+            raise DeltaidError(
+                f"has no effect without {needs.split()[0]}",
+                where=option,
+                cure=f"add {needs}, or leave it out",
+            )
+
+
+def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Path | None]) -> None:
+    """Raise, before any work, for files that cannot be written, or would replace an input or each
+    other.
+
+    Args:
+        inputs: names of files or of robots in the catalogue; None for one that is not given.
+        files: by option, such as '--output'; that of '--report' must be a page.
+    """
+    given = [Path(name) for name in inputs if name is not None]
+    taken: dict[Path, str] = {}
+    for option, path in files.items():
+        if path is None:
+            continue
+        if option == "--report" and path.suffix.lower() != ".html":
+            raise DeltaidError("must end in .html", where=f"--report {path}")
+        require_writable(path, given)
+        other = taken.setdefault(path.resolve(), option)
+        if other != option:
+            raise DeltaidError(
+                f"is the file of {other} as well; give another name", where=f"{option} {path}"
+            )

@@ -6,7 +6,7 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
@@ -21,7 +21,7 @@ from rich.text import Text
 
 import deltaid
 from deltaid.errors import DeltaidError, visible
-from deltaid.files import require_writable, together, write_bytes
+from deltaid.files import together, write_bytes
 from deltaid.view.page import WIDEST
 from deltaid.view.page import Table as Finished
 
@@ -288,48 +288,6 @@ def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
 
         yield say
     sys.stderr.flush()
-
-
-def require_unset(given: Mapping[str, bool], needs: str) -> None:
-    """Refuse options that have no effect without another one.
-
-    Args:
-        given: options, and whether each differs from its default.
-        needs: the missing option, with a value if it takes one.
-
-    Raises:
-        DeltaidError: one of these options is given.
-    """
-    for option, is_given in given.items():
-        if is_given:
-            raise DeltaidError(
-                f"has no effect without {needs.split()[0]}",
-                where=option,
-                cure=f"add {needs}, or leave it out",
-            )
-
-
-def require_outputs(inputs: Iterable[str | Path | None], files: Mapping[str, Path | None]) -> None:
-    """Raise, before any work, for files that cannot be written, or would replace an input or each
-    other.
-
-    Args:
-        inputs: names of files or of robots in the catalogue; None for one that is not given.
-        files: by option, such as '--output'; that of '--report' must be a page.
-    """
-    given = [Path(name) for name in inputs if name is not None]
-    taken: dict[Path, str] = {}
-    for option, path in files.items():
-        if path is None:
-            continue
-        if option == "--report" and path.suffix.lower() != ".html":
-            raise DeltaidError("must end in .html", where=f"--report {path}")
-        require_writable(path, given)
-        other = taken.setdefault(path.resolve(), option)
-        if other != option:
-            raise DeltaidError(
-                f"is the file of {other} as well; give another name", where=f"{option} {path}"
-            )
 
 
 def write_files(*files: tuple[Path | None, str | Callable[[Path], object]]) -> None:

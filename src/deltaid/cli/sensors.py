@@ -6,12 +6,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import deltaid
-from deltaid.cli.options import AsJson, Full, MotionColumns, Report, Robot, UsePoor, bounded, names
+from deltaid.cli.options import (
+    AsJson,
+    Full,
+    MotionColumns,
+    Report,
+    Robot,
+    UsePoor,
+    bounded,
+    names,
+    require_outputs,
+)
 from deltaid.cli.output import (
     note_planned,
     print_outcome,
     progress,
-    require_outputs,
     used,
     write_files,
 )

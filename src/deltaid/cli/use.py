@@ -17,13 +17,13 @@ from deltaid.cli.options import (
     UsePoor,
     bounded,
     output_file,
+    require_outputs,
 )
 from deltaid.cli.output import (
     console,
     print_outcome,
     progress,
     remark,
-    require_outputs,
     used,
     write_files,
 )

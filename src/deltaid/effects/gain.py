@@ -4,11 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import null_space
 
 from deltaid.effects.effect import Cause, DescribedEffect
 from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint, UnknownEffect
-from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
+from deltaid.estimation.drive_rows import ColumnsOfDrives, from_mean, of_own_drives
 from deltaid.estimation.problem import scatter
 from deltaid.levels import SURE
 from deltaid.model.verdict import listed, percent
@@ -39,7 +38,7 @@ class Gain(UnknownEffect, DescribedEffect):
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         count = max(len(point.dynamics.robot.identical_drives), 1)
         ratios = np.zeros((point.dof, count - 1))
-        ratios[:count] = null_space(np.ones((1, count)))
+        ratios[:count] = from_mean(count)
         return of_own_drives(point.model[:, :, None]) @ ratios
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:

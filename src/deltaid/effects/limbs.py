@@ -1,11 +1,9 @@
 """Limbs whose bodies differ, though the description says that all share theirs."""
 
 import numpy as np
-from jaxtyping import Float
-from scipy.linalg import null_space
 
 from deltaid.effects.point import SIZE, Deviations, TracePoint, UnknownEffect
-from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
+from deltaid.estimation.drive_rows import ColumnsOfDrives, from_mean, of_own_drives
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.posterior_draws import with_own_limbs
 from deltaid.estimation.reduction import Reduction, build_reduction
@@ -33,9 +31,9 @@ class UnlikeLimbs(UnknownEffect):
         if not driven:
             return np.zeros((*point.model.shape, 0))
         shared = point.regressor @ reduction.A[active_columns(point.dynamics)][:, driven]
-        from_mean = _from_mean(point.dynamics.robot)
-        own = of_own_drives(shared)[:, :, : len(from_mean) * len(driven)]
-        return own @ np.kron(from_mean, np.eye(len(driven)))
+        limbs = len(point.dynamics.robot.identical_drives)
+        own = of_own_drives(shared)[:, :, : limbs * len(driven)]
+        return own @ np.kron(from_mean(limbs), np.eye(len(driven)))
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
         reduction, driven = _driven(point)
@@ -48,8 +46,8 @@ class UnlikeLimbs(UnknownEffect):
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:
-        from_mean = _from_mean(robot)
-        deviations = from_mean @ values.reshape(from_mean.shape[1], -1)
+        limbs = len(robot.identical_drives)
+        deviations = from_mean(limbs) @ values.reshape(limbs - 1, -1)
         shares = (deviations**2 / np.sum(deviations**2, axis=0)).sum(axis=1)
         most = f"limb {int(np.argmax(shares)) + 1}"
         text = (
@@ -57,11 +55,6 @@ class UnlikeLimbs(UnknownEffect):
             "each limb has its own bodies now"
         )
         return (Correction(kind="limb", subject=most, text=text),)
-
-
-def _from_mean(robot: RobotDescription) -> Float[np.ndarray, "limbs differences"]:
-    """Independent deviations of limbs from their mean."""
-    return null_space(np.ones((1, len(robot.identical_drives))))
 
 
 def _driven(point: TracePoint) -> tuple[Reduction, list[int]]:

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.linalg import null_space
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.additions import Addition, extended
@@ -83,6 +84,11 @@ def of_own_drives(own: Float[np.ndarray, "dof samples own"]) -> ColumnsOfDrives:
     out = np.zeros((dof, samples, dof, count))
     out[np.arange(dof), :, np.arange(dof)] = own
     return out.reshape(dof, samples, dof * count)
+
+
+def from_mean(drives: int) -> Float[np.ndarray, "drives differences"]:
+    """Independent deviations of drives from their mean: orthonormal columns, each with sum 0."""
+    return null_space(np.ones((1, drives)))
 
 
 def stretch_starts(samples: int) -> Int[np.ndarray, " stretches"]:
