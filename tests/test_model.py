@@ -65,8 +65,8 @@ def test_name_robot_file_and_model_file(folder: Path) -> None:
     [
         (r"(?ms)^parameters:.*?(?=^base_parameters)", "", "line 1, parameters: is missing"),
         (r"(?ms)^parameters:.*?(?=^base_parameters)", "parameters: []\n", "parameters: "),
-        (r"unit: kg$", "unit: g", r"line \d+, parameters\.0\.unit: is g, but U\.m is in kg"),
-        (r"\n# deltaid-sha256.*|unit: kg$", "", r"line \d+, parameters\.0\.unit: is missing"),
+        (r"unit: kg$", "unit: g", r"line \d+, parameters\[1\]\.unit: is g, but U\.m is in kg"),
+        (r"\n# deltaid-sha256.*|unit: kg$", "", r"line \d+, parameters\[1\]\.unit: is missing"),
         (r"name: U\.m$", "name: U.mcx", "parameters: are not those of the robot, in its order"),
     ],
 )
@@ -91,7 +91,7 @@ def test_a_base_parameter_in_another_unit_is_refused(folder: Path, tmp_path: Pat
     head, key, rest = (folder / "model.yaml").read_text(encoding="utf-8").partition("\nbase_par")
     path = tmp_path / "model.yaml"
     path.write_text(head + key + rest.replace("unit: kg m\n", "unit: g m\n", 1), encoding="utf-8")
-    with pytest.raises(DescriptionError, match=r"base_parameters\.\d+\.unit: is g m, but U"):
+    with pytest.raises(DescriptionError, match=r"base_parameters\[\d+\]\.unit: is g m, but U"):
         deltaid.load(path)
 
 
