@@ -41,7 +41,14 @@ def gather_into(
     name of a file contains a checksum of its inputs: the recording's bytes, the mechanism, the
     mapping, settings of filter, masks and corrections, and the versions of deltaid and of the file.
     The folder is made if missing; other arguments are those of `deltaid.identify`.
+
+    Raises:
+        DeltaidError: the folder is a file.
     """
+    if folder.is_file():
+        raise DeltaidError(
+            "is a file; factor files need a folder", where=str(folder), cure="give another name"
+        )
     settings = settings or Settings()
     for log, mapping in zip(logs, mapping_each(columns, len(logs)), strict=True):
         path = folder / f"{safe(log.name)}{ENDING}"

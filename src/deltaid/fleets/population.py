@@ -126,7 +126,7 @@ class Population:
         notes = (
             ""
             if self.spreads.known
-            else f"{self.count} robot{'s' if self.count > 1 else ''} cannot show how much robots "
+            else f"{self.count} robot{'' if self.count == 1 else 's'} cannot show how much robots "
             f"differ: from {ENOUGH} on spreads are known; likely ones were assumed",
             f"fewer than {LEAST} robots cannot show which of them does not belong"
             if len(self.members) < LEAST

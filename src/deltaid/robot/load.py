@@ -63,7 +63,7 @@ def catalogue_text(name: str) -> str:
         DescriptionError: the catalogue has no such robot.
     """
     if name not in catalogue():
-        raise _unknown(name)
+        raise _unknown(name, "no catalogue robot")
     return (_CATALOGUE / f"{name}.yaml").read_text(encoding="utf-8")
 
 
@@ -129,7 +129,7 @@ def load_robot(robot: str | Path) -> RobotDescription:
     if str(robot) in catalogue():
         return parse(catalogue_text(str(robot)), RobotDescription, where=f"{robot}.yaml")
     if not os.path.exists(robot):  # unlike Path.exists it never raises
-        raise _unknown(str(robot))
+        raise _unknown(str(robot), "no robot file and no catalogue robot")
     text = read_text(Path(robot))
     if holds_a_model(text):
         return bound(parse(text, ModelFile, where=str(robot)).robot, str(robot))
@@ -276,9 +276,9 @@ def _tree(text: str, where: str, most: int = MOST_NODES, kind: str = "robot") ->
     return tree
 
 
-def _unknown(name: str) -> DescriptionError:
+def _unknown(name: str, missing: str) -> DescriptionError:
     hint = nearest(name, catalogue(), 0.4)
     return DescriptionError(
-        f"no robot file and no catalogue robot called '{quoted(name)}'",
+        f"{missing} called '{quoted(name)}'",
         cure=f"{hint}the catalogue has: {', '.join(catalogue())}",
     )
