@@ -125,6 +125,25 @@ def test_measured_values_in_another_unit_are_reported(value: str, grade: str, wo
         assert dict(found.proposals[0].changes)["bodies.S.measured[0].mass"] == 0.21
 
 
+@pytest.mark.parametrize(
+    ("third", "words"),
+    [
+        ("{mass: 0.52, std: 0.001, of: {S: 2, P: 1}}", ""),
+        ("{mass: 0.54, std: 0.001, of: {S: 2, P: 1}}", "mass of S is 0.2100 ± 0.001 kg"),
+        ("{mass: 0.217, std: 0.001, of: S}", "the other measured values say 0.2170 kg"),
+        ("{mass: 0.9, std: 0.001, of: U}", ""),
+    ],
+)
+def test_measured_values_that_contradict_each_other_are_doubtful(third: str, words: str) -> None:
+    text = of_body("free: [m, mcx, Sxx, Syy, Szz]") + (
+        "measured:\n  - {mass: 0.21, std: 0.001, of: S}\n  - {mass: 0.1, std: 0.001, of: P}\n"
+        f"  - {third}\n"
+    )
+    robot = parse(text, RobotDescription, where="robot.yaml")
+    (verdict,) = (v for v in of_robot(robot) if v.key == "measured-scale")
+    assert (verdict.grade, words in verdict.sentence) == ("doubtful" if words else "good", True)
+
+
 def test_no_measured_value_no_verdict() -> None:
     assert not any(v.key == "measured-scale" for v in of_robot(load_robot("clavel-delta3")))
 

@@ -1,7 +1,7 @@
 """Priors and measured values of bodies in the wrong unit, such as masses in grams."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import casadi as ca
 import numpy as np
@@ -9,6 +9,10 @@ import numpy as np
 from deltaid.checks.evidence import WRONG_SCALE
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import parameter_layout, prior_deviations, prior_parameters
+from deltaid.effects.account import DETECTED
+from deltaid.estimation.problem import independent, lengths
+from deltaid.estimation.scatter import surprise
+from deltaid.levels import NEGLIGIBLE, ROUNDING
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, graded, listed
 from deltaid.recording.survey_checks import FACTOR
 from deltaid.robot.body import ExplicitInertia, HollowCylinder, PointMass
@@ -47,6 +51,12 @@ _EXTENT = Fault(
     "frame's origin",
 )
 _MEASURED = Fault("measured-scale")
+_CONTRADICTION = Fault(
+    "measured-scale",
+    "standard deviations",
+    "one of these values, its unit, or what was measured with it (screws, cables, half a joint)",
+    "correct it, state a larger std, or delete it",
+)
 _ROTOR = Fault("prior-scale", "of the robot's inertia")
 
 
@@ -215,11 +225,35 @@ def checked_measured(robot: RobotDescription) -> tuple[Verdict, ...]:
                 poor.append(_misplaced(row, lever))
         elif ratio < 1 / FACTOR or (ratio > FACTOR and not likely):
             poor.append(_scaled(row, expected, ratio))
+    poor += _contradiction(rows)
     if poor or not rows:
         return tuple(poor)
     first, (several, go) = next(iter(rows)).name, ("s", "go") if len(rows) > 1 else ("", "goes")
     seen = f"{len(rows)} measured value{several}, as {first}, {go} with the description"
     return (_MEASURED.good(seen),)
+
+
+def _contradiction(rows: Sequence[Weighing]) -> Iterator[Verdict]:
+    """The measured value that agrees least with all others, if these determine it."""
+    if not rows:
+        return
+    A = np.array([row.coefficients / row.std for row in rows])
+    b = np.array([row.value / row.std for row in rows])
+    A /= lengths(A)
+    U = A @ independent(A)
+    left, free = b - U @ (U.T @ b), 1.0 - np.sum(U**2, axis=1)
+    redundant = len(rows) - U.shape[1]
+    if redundant < 1 or surprise(float(left @ left), redundant) < DETECTED:
+        return
+    apart = np.abs(left) / np.sqrt(np.maximum(free, ROUNDING))
+    k = int(np.argmax(apart > (1.0 - NEGLIGIBLE) * apart.max()))  # the first of equal ones
+    row, others = rows[k], rows[k].std * (b[k] - left[k] / free[k])
+    yield _CONTRADICTION.judged(
+        f"{row.name} is {row.shown(row.value)} ± {row.std:.2g} {row.unit}, but the other measured "
+        f"values say {row.shown(float(others))} {row.unit}",
+        row.where,
+        float(apart[k]),
+    )
 
 
 def _misplaced(row: Weighing, lever: float) -> Verdict:

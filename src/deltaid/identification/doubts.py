@@ -6,7 +6,7 @@ not distinguishable from an offset of the measured torque. A telescope's drive i
 others by limbs, so its torque constant scales all inertia and friction that it turns.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -31,11 +31,12 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
     make masses grow. So only the first symptom is reported, the most telling first; and every
     measured value that recordings, other values or consistency contradict.
     """
+    measured = tuple(_of_measured(problem))
     negatives = against_motion(problem.dynamics, problem.information)
     if negatives:
         of_data = [f"{contradiction(negatives, problem.dynamics.robot)}; {CURE}"]
     else:
-        of_data = [*_misfit(problem), *_contradictions(problem), *_grown(problem)]
+        of_data = [*_misfit(problem, measured), *_contradictions(problem), *_grown(problem)]
         of_data = of_data or list(_of_priors(problem))
         # Ratio of measured torques to the prior's, by least squares.
         rows = problem.information.of_drives.problem
@@ -48,10 +49,10 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
                 "their unit, torque constant or gear is not declared, else masses and lengths of "
                 "the description are those of another robot; deltaid check compares units and gears"
             ]
-    return (*of_data[:1], *_of_measured(problem))
+    return (*of_data[:1], *measured)
 
 
-def _misfit(problem: FittedProblem) -> Iterator[str]:
+def _misfit(problem: FittedProblem, measured: Sequence[str]) -> Iterator[str]:
     """Torques that no consistent parameters explain."""
     noise = max(problem.noise, NOISE_FLOOR)
     rows = problem.information.rows / problem.information.mean_samples
@@ -62,8 +63,9 @@ def _misfit(problem: FittedProblem) -> Iterator[str]:
     if problem.settings.gamma is None:
         yield (
             f"{leaves}without physical consistency: only negative masses or friction would explain "
-            "these torques. Likeliest a torque or position is not that of its drive, or something "
-            "drives the robot beside its motors; deltaid check tries signs, orders and gears"
+            f"these torques. Likeliest {'a measured value is wrong, ' if measured else ''}a torque "
+            "or position is not that of its drive, or something drives the robot beside its "
+            "motors; deltaid check tries signs, orders and gears"
         )
     else:
         yield (
