@@ -10,7 +10,8 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import compiled
-from deltaid.effects.along_motion import DriveSpring, RippleColumns, platform_forces
+from deltaid.effects.at_drives import DriveSpring, RippleColumns
+from deltaid.effects.at_platform import platform_forces
 from deltaid.effects.geometry import Structure, lengths_of, reshaped
 from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple_search import _NODES, _blocks, nearest_order, waves_near
@@ -46,7 +47,7 @@ def test_forces_do_the_work_that_drives_have_to_do(name: str) -> None:
     expected += [*np.eye(3)[:, None] * np.ones((6, 1))]
     expected += [-v / speed, -v]
     torques = np.concatenate([
-        effect.of_motion(z, qd).reshape(-1, dynamics.dof, 6) for effect in (force, spring, drag)
+        effect.of_motion(z, qd, qd).reshape(-1, dynamics.dof, 6) for effect in (force, spring, drag)
     ])  # fmt: skip
     for tau, F in zip(torques, expected, strict=True):
         work = np.sum(tau.T * dq, axis=1)
@@ -58,7 +59,7 @@ def test_columns_at_drives_follow_their_positions() -> None:
     z = dynamics.kinematics.home + 0.02 * np.random.default_rng(2).standard_normal((5, 4))
     q = dynamics.kinematics.inverse(z)
     spring = DriveSpring(dynamics, (0, 2), (1.0, 1.0))
-    assert spring.of_motion(z, z) == pytest.approx(q.T[[0, 2]])
+    assert spring.of_motion(z, z, z) == pytest.approx(q.T[[0, 2]])
     ripple = RippleColumns(dynamics, (1, 3), (1.0,) * 4, (12.5, 3.0))
     waves = [
         np.sin(12.5 * q[:, 1]),
@@ -66,7 +67,7 @@ def test_columns_at_drives_follow_their_positions() -> None:
         np.sin(3 * q[:, 3]),
         np.cos(3 * q[:, 3]),
     ]
-    assert ripple.of_motion(z, z) == pytest.approx(np.array(waves))
+    assert ripple.of_motion(z, z, z) == pytest.approx(np.array(waves))
     assert ripple.pattern[0].tolist() == [1, 1, 3, 3]
 
 

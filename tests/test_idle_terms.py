@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.effects.along_motion import AtPlatform, RippleColumns, platform_forces
+from deltaid.effects.at_drives import RippleColumns
+from deltaid.effects.at_platform import AtPlatform, platform_forces
 from deltaid.estimation.scatter import NORMAL
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.friction_choice import choose_friction

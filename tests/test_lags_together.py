@@ -12,7 +12,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects import lags as module
 from deltaid.effects import timing
-from deltaid.effects.along_motion import DriveSpring
+from deltaid.effects.at_drives import DriveSpring
 from deltaid.effects.lags import Lags, estimate_lags
 from deltaid.effects.reversals import ReversalLags, lags_of_reversals
 from deltaid.estimation.additions import Addition

@@ -9,7 +9,7 @@ import pytest
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.effects.along_motion import DriveSpring
+from deltaid.effects.at_drives import DriveSpring
 from deltaid.effects.point import Added, TracePoint
 from deltaid.effects.unexplained import (
     KINDS,

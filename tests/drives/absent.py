@@ -32,7 +32,7 @@ def without(missing: Collection[str]) -> Iterator[None]:
     """
     known = tuple(unknown for unknown in contest_stage.UNKNOWNS if unknown.name not in missing)
     searched = tuple(effect for effect in study.EFFECTS if effect.kind not in missing)
-    unknowns = contest_stage._unknowns
+    unknowns = contest_stage.unknowns_at
 
     def others(point: TracePoint) -> tuple[UnknownEffect, ...]:
         return tuple(unknown for unknown in unknowns(point) if unknown.name not in missing)
@@ -40,7 +40,7 @@ def without(missing: Collection[str]) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(contest_stage, "UNKNOWNS", known)
         patch.setattr(contest_outcome, "UNKNOWNS", known)
-        patch.setattr(contest_stage, "_unknowns", others)
+        patch.setattr(contest_stage, "unknowns_at", others)
         patch.setattr(study, "EFFECTS", searched)
         if "ripple" in missing:
             patch.setattr(contest.Contest, "with_ripples", lambda self: self)

@@ -1,8 +1,15 @@
-"""All effects: a study searches `EFFECTS` in the residual, the contest fits `UNKNOWNS` together.
+"""All effects: a study searches `EFFECTS` in the residual, the contest fits `UNKNOWNS` and effects
+`ALONG_MOTION` together.
 
 To delete an effect, delete its file and its lines here; the others keep working.
 """
 
+import numpy as np
+
+from deltaid.dynamics.dynamics import Dynamics
+from deltaid.effects.along_motion import AlongMotion, FittedTorques
+from deltaid.effects.at_drives import DriveSpring, RippleColumns
+from deltaid.effects.at_platform import FORCES, platform_forces
 from deltaid.effects.delay import Delay
 from deltaid.effects.drift import Drift
 from deltaid.effects.effect import Cause, Effect
@@ -19,11 +26,13 @@ from deltaid.effects.limbs import UnlikeLimbs
 from deltaid.effects.load import LoadChange
 from deltaid.effects.missing_friction import MissingFriction
 from deltaid.effects.place import PlaceDependence
-from deltaid.effects.point import UnknownEffect
+from deltaid.effects.point import Added, TracePoint, UnknownEffect
+from deltaid.effects.presliding import Presliding
 from deltaid.effects.ripple import PositionRipple
 from deltaid.effects.saturation import Saturation
 from deltaid.effects.windings import WindUp
 from deltaid.effects.zero import Zero
+from deltaid.model.corrections import FittedEffect
 
 EFFECTS: tuple[Effect, ...] = (
     Delay(),
@@ -56,6 +65,31 @@ UNKNOWNS: tuple[UnknownEffect, ...] = (
     Structure(),
     UnlikeLimbs(),
 )
+
+ALONG_MOTION: tuple[type[AlongMotion], ...] = (RippleColumns, DriveSpring, Presliding, *FORCES)
+
+
+def unknowns_at(point: TracePoint) -> tuple[UnknownEffect, ...]:
+    """All effects of the contest; those along the motion have a prior of 1 in their units."""
+    dynamics, every = point.dynamics, tuple(range(point.dof))
+    fastest = float(np.linalg.norm(point.platform, axis=1).max(initial=1e-9))
+    spring = DriveSpring(dynamics, every, (1.0,) * point.dof)
+    forces = (Added(force.name, force) for force in platform_forces(dynamics, fastest))
+    return (*UNKNOWNS, Added(spring.name, spring), Presliding.at(point), *forces)
+
+
+def as_fitted(dynamics: Dynamics, record: FittedEffect) -> FittedTorques:
+    """An effect of a model file, for the robot's dynamics.
+
+    Raises:
+        StopIteration: no effect has this name.
+        ValueError: the robot has no such drive.
+    """
+    drives = tuple(dynamics.robot.drives.index(drive) for drive in record.drives)
+    effect = next(effect for effect in ALONG_MOTION if effect.name == record.name)
+    deviation = (1.0,) * len(record.values)
+    addition = effect(dynamics, drives, deviation, record.orders, record.fastest)
+    return FittedTorques(addition, record.values)
 
 
 def effect_of(cause: Cause) -> Effect:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 
-from deltaid.effects.along_motion import RippleColumns
+from deltaid.effects.at_drives import RippleColumns
 from deltaid.effects.point import Added, TracePoint
 from deltaid.estimation.scatter import surprise
 from deltaid.estimation.shrinkage import Shrunk

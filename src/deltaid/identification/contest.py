@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.account import DETECTED
-from deltaid.effects.along_motion import RippleColumns
+from deltaid.effects.at_drives import RippleColumns
 from deltaid.effects.point import Added, Deviations, TracePoint, UnknownEffect
 from deltaid.effects.ripple_search import (
     OrdersOfDrives,

@@ -7,7 +7,8 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS
-from deltaid.effects.along_motion import AtDrives, AtPlatform, DriveSpring, with_offsets
+from deltaid.effects.along_motion import AlongMotion
+from deltaid.effects.at_drives import DriveSpring, with_offsets
 from deltaid.effects.geometry import reshaped
 from deltaid.effects.point import Added, UnknownEffect
 from deltaid.effects.unexplained import FreeTorque
@@ -20,7 +21,7 @@ from deltaid.model.corrections import Correction, Kind
 from deltaid.recording.columns import Readings
 
 # Effects that stay columns of the fit.
-_ADDED = (AtPlatform, AtDrives, FreeTorque)
+_ADDED = (AlongMotion, FreeTorque)
 
 
 def without_contest(setup: Setup) -> Setup:

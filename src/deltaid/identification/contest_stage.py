@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.effects.all import UNKNOWNS
-from deltaid.effects.along_motion import DriveSpring, platform_forces
-from deltaid.effects.point import Added, TracePoint, UnknownEffect, points_of
+from deltaid.effects.all import UNKNOWNS, unknowns_at
+from deltaid.effects.point import UnknownEffect, points_of
 from deltaid.errors import KinematicsError
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.scatter import NORMAL
@@ -85,7 +84,8 @@ def contested(setup: Setup, progress: Progress) -> Setup:
 
     The first slopes are taken far from the solution, where one error of the description may mimic
     the curvature of another. So after a refuted result, sweeps are repeated without such errors,
-    and again from where those settle; the best replaces the first if it leaves as little noise.
+    from where those settle, and from stiff gears; the best replaces the first if it leaves as
+    little noise.
     Where rows far from turns of passive joints do not decide between several such errors, all rows
     do. Where torque is unexplained, sweeps with free functions of the drives' torques replace the
     result if the rows are more probable with them.
@@ -97,7 +97,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     if not _traces(bare):
         return setup
     end = _sweeps(bare)
-    others = _again(bare, end.parts) if end.why_not else []
+    others = [*_again(bare, end.parts), *_from_stiff_gears(bare)] if end.why_not else []
     end = min((o for o in others if _is_better(o, end)), key=lambda o: o.last.noise, default=end)
     end = _beside_unexplained(bare, _by_all_rows(bare, end))
     outcome = end.outcome
@@ -154,6 +154,13 @@ def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
     """Sweeps without some errors of the description, and sweeps from where the best settled."""
     ends = _barred(bare, parts)
     return [*(_sweeps(bare, since=end) for end in ends[:1]), *ends]
+
+
+def _from_stiff_gears(bare: Setup) -> list[_Sweeps]:
+    """Sweeps that begin without a compliance, if there is one: it takes more sweeps to vanish than
+    to appear."""
+    ends = [_sweeps(bare.all_repaired(gears=None))] if _gears(bare) else []
+    return [end for end in ends if not end.is_lost]
 
 
 def _barred(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
@@ -273,7 +280,7 @@ def _swept(
     """One sweep about the recordings as corrected so far."""
     rows = _rows(now)
     points = points_of(traces, start(rows, traces) if p is None else p)
-    unknowns = [u for u in _unknowns(points[0]) if u.name not in now.barred_effects]
+    unknowns = [u for u in unknowns_at(points[0]) if u.name not in now.barred_effects]
     unknowns = _allowed((*unknowns, *more), before, sweep)
     return contest(rows, points, unknowns, before.read).with_ripples()
 
@@ -294,14 +301,6 @@ def _traces(setup: Setup) -> list[Trace]:
     recordings = [r for k, r in enumerate(setup.recordings) if not setup.is_disturbed(k)]
     traces = (traced(setup, recording, recording.cutoff) for recording in recordings)
     return [trace for trace in traces if trace is not None]
-
-
-def _unknowns(point: TracePoint) -> tuple[UnknownEffect, ...]:
-    dynamics, every = point.dynamics, tuple(range(point.dof))
-    fastest = float(np.linalg.norm(point.platform, axis=1).max(initial=1e-9))
-    spring = DriveSpring(dynamics, every, (1.0,) * point.dof)
-    forces = (Added(force.name, force) for force in platform_forces(dynamics, fastest))
-    return (*UNKNOWNS, Added("drive-spring", spring), *forces)
 
 
 def _allowed(

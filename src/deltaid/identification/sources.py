@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.effects.along_motion import FittedTorques, as_fitted
+from deltaid.effects.all import as_fitted
+from deltaid.effects.along_motion import FittedTorques
 from deltaid.effects.windings import motors_of
 from deltaid.errors import DescriptionError, quoted
 from deltaid.identification.torque_error import TorqueError

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from deltaid.effects.along_motion import AlongMotion, RippleColumns
+from deltaid.effects.along_motion import AlongMotion
+from deltaid.effects.at_drives import RippleColumns
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.errors import RecordingError
 from deltaid.estimation.additions import split_by_addition

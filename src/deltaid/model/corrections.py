@@ -114,6 +114,7 @@ Kind = Literal[
     "torque-drift",
     "ripple",
     "drive-spring",
+    "presliding",
     "platform-force",
     "structure",
     "limb",
@@ -145,6 +146,7 @@ NAMES: dict[Kind, str] = {
     "torque-drift": "torque constant that drifts with time",
     "ripple": "ripple",
     "drive-spring": "springs at drives",
+    "presliding": "friction that yields before it slips",
     "platform-force": "force at the platform",
     "structure": "shape of bodies",
     "limb": "limbs that differ",
@@ -190,7 +192,7 @@ class FittedEffect(Part):
         name: of the effect, such as 'platform-force'.
         values: of its coefficients.
         drives: that it acts on; empty if it acts on the platform.
-        orders: of ripples, one for each drive [1/rad or 1/m].
+        orders: of ripples, or reciprocals of strokes, one for each drive [1/rad or 1/m].
         fastest: speed of the platform used to smooth a drag [m/s].
     """
 

@@ -167,7 +167,7 @@ class LeftSpan:
 class Pull(Protocol):
     """An external cause that takes torque of the drives, such as a hose."""
 
-    def torques(self, z: Samples, qd: Samples) -> Samples:
+    def torques(self, z: Samples, qd: Samples, qdd: Samples) -> Samples:
         """Drive torques that it takes along a motion."""
         ...
 
@@ -199,7 +199,7 @@ def burden_of(
     ) -> Samples:
         taken = np.zeros_like(z)
         for pull in pulls:
-            taken += pull.torques(z, qd)
+            taken += pull.torques(z, qd, qdd)
         for parameters, held in zip(p, columns.held(time, extra), strict=True):
             rows = np.flatnonzero(held)
             if rows.size and parameters.any():

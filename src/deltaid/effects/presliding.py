@@ -1,0 +1,91 @@
+"""Friction that builds up over a distance after a drive turns.
+
+Seals, bristles and teeth of gears yield before they slip. By Dahl's law friction C z follows
+
+    dz/dq = (1 − s z) / x_0,    s = sign q̇,
+
+so along a swing that begins with z_0, at the distance d from its turn,
+
+    z = s + (z_0 − s) exp(−d / x_0),
+
+where rigid contacts have s. A sum over several x_0 is a Maxwell-slip model.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.effects.along_motion import WITHOUT
+from deltaid.effects.at_drives import AtDrive, AtDrives, Columns
+from deltaid.effects.point import Added, TracePoint
+from deltaid.model.corrections import Correction
+from deltaid.model.parameter_record import Parameter
+
+# x_0 as shares of the stroke: from what a turn hardly shows to a slow rise; sums fit any between.
+_SHARES = np.array([0.001, 0.003, 0.01, 0.03])
+
+
+class Presliding(AtDrives):
+    """C of each drive and x_0; orders are reciprocals of its stroke."""
+
+    kind = "presliding"
+    name = "presliding"
+    symbols = tuple(f"over {share:.1%} of the stroke" for share in _SHARES)
+
+    @classmethod
+    def at(cls, point: TracePoint) -> Added:
+        """With a prior of 1 in the drives' units, for the strokes of a recording."""
+        strokes = np.maximum(np.ptp(point.q, axis=0), np.finfo(float).tiny)
+        drives, deviation = tuple(range(point.dof)), (1.0,) * point.dof * len(_SHARES)
+        addition = cls(point.dynamics, drives, deviation, tuple((1.0 / strokes).tolist()))
+        return Added(cls.name, addition)
+
+    @property
+    def unit(self) -> str:
+        return self.dynamics.robot.units(self.owners[0]).force
+
+    def of_drive(self, k: int, q: AtDrive, qd: AtDrive, qdd: AtDrive) -> Columns:
+        return _dahl(q, qd, qdd, _SHARES / self.orders[k]) - np.sign(qd)
+
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
+        corrections, count = list[Correction](), len(_SHARES)
+        for k, (owner, order) in enumerate(zip(self.owners, self.orders, strict=True)):
+            own = judged[k * count : (k + 1) * count]
+            values = np.array([entry.value for entry in own])
+            half = max((x.high or x.value) - (x.low or x.value) for x in own) / 2
+            size, yielding = float(values.sum()), np.maximum(values, 0.0)
+            length = float(yielding @ _SHARES) / max(float(yielding.sum()), 1e-300) / order
+            linear = self.dynamics.robot.is_linear(owner)
+            distance = f"{1e3 * length:.2g} mm" if linear else f"{np.degrees(length):.2g}°"
+            text = (
+                f"its friction builds up over {distance} after it turns, as seals and gears yield "
+                f"before they slip; {WITHOUT}"
+            )
+            corrections.append(
+                Correction(kind=self.kind, subject=owner, value=size, low=size - half,
+                           high=size + half, unit=self.unit, text=text)
+            )  # fmt: skip
+        return tuple(corrections)
+
+
+def _dahl(
+    q: AtDrive, qd: AtDrive, qdd: AtDrive, x_0: Float[np.ndarray, " shares"]
+) -> Float[np.ndarray, "shares samples"]:
+    """z along consecutive samples; the turn before them is as far away as by a constant
+    acceleration, d = q̇² / 2|q̈|, so no sample needs those of other blocks."""
+    z, lengths = np.zeros((len(x_0), len(q))), x_0[:, None]
+    if not len(q):
+        return z
+    moves = np.maximum.accumulate(np.where(qd != 0, np.arange(len(q)), 0))
+    s = np.sign(qd)[moves]  # at rest, of the swing before
+    is_begun = qd[0] * qdd[0] > 0
+    d = 0.5 * qd[0] ** 2 / abs(qdd[0]) if is_begun else np.inf
+    now = s[0] * (1.0 - 2.0 * np.exp(-d / lengths))
+    turns = np.flatnonzero(np.diff(s)) + 1
+    for first, last in pairwise([0, *turns.tolist(), len(q)]):
+        passed = np.abs(q[first:last] - q[first])
+        z[:, first:last] = s[first] + (now - s[first]) * np.exp(-passed / lengths)
+        now = z[:, [last - 1]]
+    return z
