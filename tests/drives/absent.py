@@ -20,6 +20,7 @@ CAUSES_OF: dict[str, frozenset[str]] = {
     "hose": frozenset({"platform-force", "platform-spring", "platform-drag"}),
     "askew": frozenset({"structure"}),
     "heavy-limb": frozenset({"limb"}),
+    "presliding": frozenset({"presliding"}),
 }
 
 

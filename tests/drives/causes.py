@@ -4,6 +4,7 @@ A cause adds a fault of a given size to a recording, which may have several. Its
 such as drive and direction, are random, and `Case.drawn` states them.
 """
 
+from drives.drivetrain import presliding
 from drives.made import Faults
 from drives.measured import falling_gain, gear_ratio, ripple, saturation, zeros
 from drives.mixture import Mixture
@@ -36,6 +37,8 @@ CAUSES: dict[str, Faults | Mixture] = {
     "heavy-limb": Faults("arm of one limb 20 to 50 % heavier", ((heavy_limb, (0.2, 0.5)),)),
     "balancer": Faults("springs at the drives, 3 to 10 % of the torque",
                        ((balancer, (0.03, 0.1)),)),
+    "presliding": Faults("friction yields over 0.2 to 2 % of the stroke",
+                         ((presliding, (0.002, 0.02)),)),
     "tilt": Faults("base tilted by 2°", ((tilt, 2.0),)),
     "asymmetric": Faults("centres 1 and 4 mm off, axes turned by 0.2 to 2°", ((asymmetric, 1.0),)),
     "askew": Faults("the same, turned about their joints", ((askew, 1.0),)),

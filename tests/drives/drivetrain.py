@@ -43,6 +43,14 @@ def warm_up(made: Made, rng: np.random.Generator, size: float) -> Made:
     return _law(made, f"warm-up {size:.1%} of {constant:.1f} s", warm=size, constant=constant)
 
 
+def presliding(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """Friction that yields over a share of the stroke before it slips."""
+    del rng
+    path = made.machine.plant.oracle.positions(made.machine.plant.path[::8])
+    return _law(made, f"friction yields over {size:.2%} of the stroke",
+                distance=size * np.ptp(path, axis=0))  # fmt: skip
+
+
 def play(made: Made, rng: np.random.Generator, size: float) -> Made:
     """Backlash (degrees) that changes sides with the sign of the torque, or with its tanh."""
     hard = bool(rng.uniform() < 0.5)

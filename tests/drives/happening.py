@@ -37,7 +37,8 @@ class Law:
 
     τ = (1 + d s)(viscous v + coulomb s) + stribeck coulomb exp(−(v/knee)²) s + load |τ_l| s
         + bias coulomb
-    times 1 + warm exp(−t / constant), s = sign(v); at rest, a random share of Coulomb's.
+    times 1 + warm exp(−t / constant), s = sign(v); at rest, a random share of Coulomb's. Where
+    contacts yield over a distance before they slip, coulomb s is coulomb z by Dahl's law.
     """
 
     viscous: Array
@@ -49,6 +50,15 @@ class Law:
     load: float = 0.0
     warm: float = 0.0
     constant: float = 1.0
+    distance: Array | float = 0.0
+
+    def yielding(self, q: Array, v: Array) -> Array:
+        """coulomb (z − s) along a motion (samples, drives), from relaxed contacts on."""
+        z, moves = np.zeros_like(q), np.diff(q, axis=0)
+        for k, move in enumerate(moves):
+            s = np.sign(move)
+            z[k + 1] = s + (z[k] - s) * np.exp(-np.abs(move) / self.distance)
+        return self.coulomb * (z - np.sign(v))
 
     def curve(self, v: Array, link: Array | float = 0.0) -> Array:
         """Friction at speeds (samples, drives) with torques `link` that the gears carry."""
@@ -183,6 +193,8 @@ class Happening:
         law, rng = self.friction, np.random.default_rng([self.seed, 3])
         rest = rng.uniform(-0.8, 0.8, dof) * self.machine.coulomb
         friction = np.where(truth.qd == 0, rest, law.curve(qd, link))
+        if np.any(law.distance):
+            friction += np.where(truth.qd == 0, 0.0, law.yielding(q, qd))
         friction *= 1 + law.warm * np.exp(-time / law.constant)[:, None]
         tau = link + rotor * qdd + friction
         tau[within(time, self.braked)] = 0.0
