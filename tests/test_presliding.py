@@ -81,7 +81,8 @@ def test_friction_before_slip_is_named(kind: str, seed: int, tmp_path: Path) -> 
     result = identified(yielding)
     judged = judge(yielding, result)
     assert dict(judged.said)["presliding"] == len(yielding.robot.drives)
-    assert not {"lag", "filter", "compliance", "length", "friction"} & set(dict(judged.said))
+    others = {"contact", "lag", "filter", "compliance", "length", "friction"}
+    assert not others & set(dict(judged.said))
     assert judged.M < 0.004
     assert judged.friction_shape < 0.01
     assert np.mean(judged.base) > 0.8

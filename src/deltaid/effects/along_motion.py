@@ -33,6 +33,7 @@ class AlongMotion(Addition):
     fastest: float = 0.0  # largest speed of the platform [m/s]
 
     is_corrected = True
+    looks_like_events: ClassVar[bool] = False  # as brief as a push
     kind: ClassVar[Kind]
     name: ClassVar[str]
     symbols: ClassVar[tuple[str, ...]]

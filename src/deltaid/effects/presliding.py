@@ -30,6 +30,7 @@ _SHARES = np.array([0.001, 0.003, 0.01, 0.03])
 class Presliding(AtDrives):
     """C of each drive and x_0; orders are reciprocals of its stroke."""
 
+    looks_like_events = True
     kind = "presliding"
     name = "presliding"
     symbols = tuple(f"over {share:.1%} of the stroke" for share in _SHARES)

@@ -69,6 +69,12 @@ def wound_up_instead_of_play(setup: Setup, progress: Progress) -> Setup:
     return setup
 
 
+def events_anew(setup: Setup, progress: Progress) -> Setup:
+    """Detect events again beside effects that looked like some before the contest."""
+    brief = [a for a in setup.additions if isinstance(a, AlongMotion) and a.looks_like_events]
+    return without_events(setup, progress) if brief else setup
+
+
 def sharpened(setup: Setup, progress: Progress) -> Setup:
     """Raise the cut-off to that of the choice of friction laws, if a law has a term near rest.
 
@@ -104,6 +110,7 @@ STAGES: tuple[Stage, ...] = (
     gears_searched,
     undeclared_loads,
     contested,
+    events_anew,
     changing_friction,
     chosen_friction,
     changing_friction,
