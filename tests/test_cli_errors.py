@@ -251,7 +251,7 @@ STREAMS = {
     "full disk, help": ("--help > /dev/full", 2, "error: standard output"),
     "full disk, errors": ("robots nobody 2> /dev/full", 2, ""),
     "no output": ("robots >&-", 0, ""),
-    "no output, an error": ("robots nobody >&-", 2, "error: no robot file"),
+    "no output, an error": ("robots nobody >&-", 2, "error: no catalogue robot"),
     "no input": ("new <&-", 2, "choose from"),
     "nothing": ("robots nobody <&- >&- 2>&-", 2, ""),
     "no reader": ("robots | true", 0, ""),

@@ -111,7 +111,7 @@ def test_the_console_script_and_the_module() -> None:
     for command in ([script], [sys.executable, "-m", "deltaid"]):
         bad = subprocess.run([*command, "robots", "x"], capture_output=True, encoding="utf-8")
         assert (bad.returncode, bad.stdout) == (2, "")
-        assert bad.stderr.startswith("error: no robot file")
+        assert bad.stderr.startswith("error: no catalogue robot")
 
 
 def test_pages_name_the_command_where_no_script_is_installed(
