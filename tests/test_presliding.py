@@ -7,10 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import deltaid
+from deltaid.effects.point import TracePoint
 from deltaid.effects.presliding import Presliding
+from deltaid.identification.study import studied_trace
 from drives import case
 from drives.identify import identified
 from drives.judge import judge
+from identified import identified as clean
 
 RATE = 1000.0
 TIME = np.arange(0, 6, 1 / RATE)
@@ -74,8 +77,23 @@ def test_a_drive_at_rest_keeps_its_friction() -> None:
     assert not columns(q, 0 * q, 0 * q, 1.0).any()
 
 
+def test_friction_that_is_higher_after_a_turn_is_another_cause() -> None:
+    result = clean("clavel-delta3").result
+    trace = studied_trace(result.problem.dynamics, result.recordings[0], result.model.p)
+    assert trace is not None
+    point = TracePoint(trace, result.model.p)
+    effect = Presliding.at(point)
+    strokes = np.ptp(point.q, axis=0)
+    assert effect.addition.orders == pytest.approx(1 / strokes)
+    assert effect.columns(point).shape[2] == 12
+    falling, covariance = np.array([0.2, -0.5, 0.1, 0.1]), 0.01 * np.eye(12)  # -0.1 ± 0.2
+    for change, possible in ((0.0, True), (-0.2, True), (-0.4, False)):
+        values = np.concatenate([-falling, falling + change / 4, 2 * np.ones(4)])
+        assert effect.is_possible(values, covariance) == possible
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "seed"), [("delta4", 1), ("par4", 0), ("linear", 0)])
+@pytest.mark.parametrize(("kind", "seed"), [("delta4", 1), ("par4", 1), ("linear", 0)])
 def test_friction_before_slip_is_named(kind: str, seed: int, tmp_path: Path) -> None:
     yielding = case("presliding", kind, seed)
     result = identified(yielding)

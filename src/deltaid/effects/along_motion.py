@@ -1,7 +1,8 @@
 """Torques that a description lacks and that follow from the robot's motion alone.
 
 They are columns of the fit, at single drives (`at_drives.py`) or of a force at the platform
-(`at_platform.py`); a model keeps their coefficients."""
+(`at_platform.py`); a model keeps their coefficients.
+"""
 
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
@@ -76,6 +77,12 @@ class FittedTorques:
     def torques(self, z: InTask, qd: InTask, qdd: InTask) -> InTask:
         entries = self.addition.of_motion(z, qd, qdd)
         return torques_of(self.addition.pattern, qd.shape[1], entries, np.array(self.values)).T
+
+
+def widest(judged: Iterable[Parameter]) -> float:
+    """Half the width of the widest interval of some coefficients."""
+    ends = [(x.low, x.high) for x in judged if x.low is not None and x.high is not None]
+    return max(((high - low) / 2 for low, high in ends), default=0.0)
 
 
 def fitted_effects(

@@ -1,6 +1,8 @@
-"""Torques at single drives that a description lacks: springs and ripples,
+"""Torques at single drives that a description lacks: springs and ripples.
 
-τ_i = Y_i p + k_i (q_i − q_0) + Σ_n (a_n sin n q_i + b_n cos n q_i).
+With stiffness k_i and orders n,
+
+    τ_i = Y_i p + k_i (q_i − q_0) + Σ_n (a_n sin n q_i + b_n cos n q_i).
 """
 
 from abc import abstractmethod
@@ -10,7 +12,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.effects.along_motion import WITHOUT, AlongMotion, InTask
+from deltaid.effects.along_motion import WITHOUT, AlongMotion, InTask, widest
 from deltaid.estimation.additions import Values
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
@@ -24,9 +26,9 @@ class AtDrives(AlongMotion):
     """Torques that act on some drives, each along its own position."""
 
     @property
-    @abstractmethod
     def unit(self) -> str:
         """Unit of the coefficients."""
+        return self.dynamics.robot.units(self.owners[0]).force
 
     @abstractmethod
     def of_drive(self, k: int, q: AtDrive, qd: AtDrive, qdd: AtDrive) -> Columns:
@@ -88,10 +90,6 @@ class RippleColumns(AtDrives):
     symbols = ("sine", "cosine")
 
     @property
-    def unit(self) -> str:
-        return self.dynamics.robot.units(self.owners[0]).force
-
-    @property
     def coefficients(self) -> Iterable[tuple[str, str, str, float]]:
         numbers = np.repeat(self.orders, len(self.symbols))
         for row, order in zip(super().coefficients, numbers, strict=True):
@@ -104,7 +102,7 @@ class RippleColumns(AtDrives):
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         corrections, waves = list[Correction](), zip(judged[::2], judged[1::2], strict=True)
         for owner, order, (a, b) in zip(self.owners, self.orders, waves, strict=True):
-            half = max((x.high or x.value) - (x.low or x.value) for x in (a, b)) / 2
+            half = widest((a, b))
             size, wave = float(np.hypot(a.value, b.value)), 2 * np.pi / order
             linear = self.dynamics.robot.is_linear(owner)
             length = f"{1e3 * wave:.3g} mm" if linear else f"{np.degrees(wave):.3g}°"

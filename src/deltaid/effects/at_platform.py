@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.effects.along_motion import WITHOUT, AlongMotion, InTask
+from deltaid.effects.along_motion import WITHOUT, AlongMotion, InTask, widest
 from deltaid.estimation.additions import Values
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
@@ -55,8 +55,7 @@ class AtPlatform(AlongMotion):
         self, value: float, judged: Sequence[Parameter], unit: str, text: str
     ) -> tuple[Correction, ...]:
         """A correction of this size, as wide as the widest interval of the coefficients."""
-        ends = [(x.low, x.high) for x in judged if x.low is not None and x.high is not None]
-        half = max((high - low) / 2 for low, high in ends)
+        half = widest(judged)
         return (
             Correction(kind=self.kind, subject="platform", value=value, low=value - half,
                        high=value + half, unit=unit, text=f"{text}; {WITHOUT}"),

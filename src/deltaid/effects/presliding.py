@@ -17,9 +17,10 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.effects.along_motion import WITHOUT
+from deltaid.effects.along_motion import WITHOUT, widest
 from deltaid.effects.at_drives import AtDrive, AtDrives, Columns
-from deltaid.effects.point import Added, TracePoint
+from deltaid.effects.point import Added, Deviations, TracePoint
+from deltaid.estimation.scatter import NORMAL
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
 
@@ -41,11 +42,7 @@ class Presliding(AtDrives):
         strokes = np.maximum(np.ptp(point.q, axis=0), np.finfo(float).tiny)
         drives, deviation = tuple(range(point.dof)), (1.0,) * point.dof * len(_SHARES)
         addition = cls(point.dynamics, drives, deviation, tuple((1.0 / strokes).tolist()))
-        return Added(cls.name, addition)
-
-    @property
-    def unit(self) -> str:
-        return self.dynamics.robot.units(self.owners[0]).force
+        return _Yielding(cls.name, addition)
 
     def of_drive(self, k: int, q: AtDrive, qd: AtDrive, qdd: AtDrive) -> Columns:
         return _dahl(q, qd, qdd, _SHARES / self.orders[k]) - np.sign(qd)
@@ -55,8 +52,7 @@ class Presliding(AtDrives):
         for k, (owner, order) in enumerate(zip(self.owners, self.orders, strict=True)):
             own = judged[k * count : (k + 1) * count]
             values = np.array([entry.value for entry in own])
-            half = max((x.high or x.value) - (x.low or x.value) for x in own) / 2
-            size, yielding = float(values.sum()), np.maximum(values, 0.0)
+            half, size, yielding = widest(own), float(values.sum()), np.maximum(values, 0.0)
             length = float(yielding @ _SHARES) / max(float(yielding.sum()), 1e-300) / order
             linear = self.dynamics.robot.is_linear(owner)
             distance = f"{1e3 * length:.2g} mm" if linear else f"{np.degrees(length):.2g}°"
@@ -69,6 +65,18 @@ class Presliding(AtDrives):
                            high=size + half, unit=self.unit, text=text)
             )  # fmt: skip
         return tuple(corrections)
+
+
+class _Yielding(Added):
+    """The columns in the contest."""
+
+    def is_possible(
+        self, values: Deviations, covariance: Float[np.ndarray, "coefficients coefficients"]
+    ) -> bool:
+        """Whether friction of no drive is higher just after a turn, beyond chance (95 %)."""
+        of_drives = np.kron(np.eye(len(values) // len(_SHARES)), np.ones(len(_SHARES)))
+        deviation = np.sqrt(np.diag(of_drives @ covariance @ of_drives.T))
+        return bool(np.all(of_drives @ values >= -NORMAL * deviation))
 
 
 def _dahl(
