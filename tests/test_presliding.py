@@ -10,6 +10,7 @@ import deltaid
 from deltaid.effects.point import TracePoint
 from deltaid.effects.presliding import Presliding
 from deltaid.identification.study import studied_trace
+from deltaid.model.verdict import Grade
 from drives import case
 from drives.identify import identified
 from drives.judge import judge
@@ -90,6 +91,17 @@ def test_friction_that_is_higher_after_a_turn_is_another_cause() -> None:
     for change, possible in ((0.0, True), (-0.2, True), (-0.4, False)):
         values = np.concatenate([-falling, falling + change / 4, 2 * np.ones(4)])
         assert effect.is_possible(values, covariance) == possible
+
+
+def test_check_names_friction_before_slip() -> None:
+    yielding = case("presliding", "delta3", 0)
+    verdicts = deltaid.check(yielding.robot, yielding.logs[0])
+    (named,) = (verdict for verdict in verdicts if verdict.key == "presliding")
+    assert named.grade != Grade.GOOD
+    assert "builds up over 0.3 % of the stroke" in named.sentence
+    assert not {"friction-law", "geometry-or-cogging", "torque-lag"} & {
+        verdict.key for verdict in verdicts if verdict.grade != Grade.GOOD
+    }
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ from deltaid.effects.load import LoadChange
 from deltaid.effects.missing_friction import MissingFriction
 from deltaid.effects.place import PlaceDependence
 from deltaid.effects.point import Added, TracePoint, UnknownEffect
-from deltaid.effects.presliding import Presliding
+from deltaid.effects.presliding import Presliding, YieldingFriction
 from deltaid.effects.ripple import PositionRipple
 from deltaid.effects.saturation import Saturation
 from deltaid.effects.windings import WindUp
@@ -40,6 +40,7 @@ EFFECTS: tuple[Effect, ...] = (
     Saturation(),
     GainOverTime(),
     FrictionLaw(),
+    YieldingFriction(),
     Drift(),
     Zero(),
     PlaceDependence(),

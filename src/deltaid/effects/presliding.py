@@ -11,7 +11,7 @@ so along a swing that begins with z_0, at the distance d from its turn,
 where rigid contacts have s. A sum over several x_0 is a Maxwell-slip model.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -19,10 +19,12 @@ from jaxtyping import Float
 
 from deltaid.effects.along_motion import WITHOUT, widest
 from deltaid.effects.at_drives import AtDrive, AtDrives, Columns
-from deltaid.effects.point import Added, Deviations, TracePoint
+from deltaid.effects.effect import DescribedEffect
+from deltaid.effects.point import Added, Deviations, EffectCandidate, RigidFit, TracePoint
 from deltaid.estimation.scatter import NORMAL
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
+from deltaid.model.verdict import percent
 
 # x_0 as shares of the stroke: from what a turn hardly shows to a slow rise; sums fit any between.
 _SHARES = np.array([0.001, 0.003, 0.01, 0.03])
@@ -34,7 +36,7 @@ class Presliding(AtDrives):
     looks_like_events = True
     kind = "presliding"
     name = "presliding"
-    symbols = tuple(f"over {share:.1%} of the stroke" for share in _SHARES)
+    symbols = tuple(f"over {percent(share)} of the stroke" for share in _SHARES.tolist())
 
     @classmethod
     def at(cls, point: TracePoint) -> Added:
@@ -65,6 +67,22 @@ class Presliding(AtDrives):
                            high=size + half, unit=self.unit, text=text)
             )  # fmt: skip
         return tuple(corrections)
+
+
+class YieldingFriction(DescribedEffect):
+    """Friction of one drive or of all that builds up over one of these distances."""
+
+    kind = "presliding"
+    is_contested = True
+    likeliest = "seals, bristles or teeth of gears that yield before they slip"
+    fix = "deltaid identify corrects it; or excite with fewer turns, farther apart"
+    follows = "the distance since the drive turned"
+
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
+        of_all = Presliding.at(fit).columns(fit).reshape(fit.dof, -1, fit.dof, len(_SHARES))
+        for k, share in enumerate(_SHARES.tolist()):
+            words = f"friction that builds up over {percent(share)} of the stroke"
+            yield from self.of_each(fit.drives, fit.rows.stack(of_all[..., k]), words)
 
 
 class _Yielding(Added):
