@@ -75,7 +75,7 @@ class YieldingFriction(DescribedEffect):
     kind = "presliding"
     is_contested = True
     likeliest = "seals, bristles or teeth of gears that yield before they slip"
-    fix = "deltaid identify corrects it; or excite with fewer turns, farther apart"
+    fix = "deltaid identify corrects it from a recording, not from a factor file"
     follows = "the distance since the drive turned"
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
