@@ -155,4 +155,4 @@ def test_a_base_that_nobody_says_is_level_may_lean(recorded: Machine) -> None:
         torque_rows(described, [recorded.recording], None, known, lambda _: None).A
         for described in (robot.changed(tolerances=level), robot)
     )
-    assert np.linalg.norm(unstated @ known.G) < 0.9995 * np.linalg.norm(stated @ known.G)
+    assert np.linalg.norm(unstated @ known.G) < 0.9998 * np.linalg.norm(stated @ known.G)

@@ -1,5 +1,6 @@
 """Gather recordings of one robot into a folder, for `deltaid gather`."""
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -45,7 +46,7 @@ def gather_into(
     Raises:
         DeltaidError: the folder is a file.
     """
-    if folder.is_file():
+    if os.path.isfile(folder):  # unlike Path.is_file it never raises
         raise DeltaidError(
             "is a file; factor files need a folder", where=str(folder), cure="give another name"
         )
