@@ -167,10 +167,11 @@ def test_models_are_the_same_for_a_seed(model: IdentifiedModel, monkeypatch) -> 
 def test_where_data_decides_models_spread_as_the_intervals(
     model: IdentifiedModel, drawn: Samples, kind: str, drive: str
 ) -> None:
-    """The prior takes up to 8 % of an interval, and edges of what is consistent up to 3 % more.
+    """The prior takes up to 8 % of an interval, and edges of what is consistent up to 8 % more:
+    most where an effect that may act widens it, for edges cut what that would change.
 
     Chains are others on another processor, and 8000 draws, worth half as many independent ones,
-    know a deviation to 1.1 %: 8 % are four times that and the edges' part.
+    know a deviation to 1.1 %: 12 % are four times that and the edges' part.
     """
     name = f"{kind}.{drive}"
     at = model.layout.names.index(name)
@@ -178,7 +179,7 @@ def test_where_data_decides_models_spread_as_the_intervals(
     interval = (base.high - base.low) / (2 * stats.norm.ppf(0.975))
     expected = float(np.linalg.norm(normal(model).spread[at]))
     assert 0.9 * interval < expected < interval
-    assert drawn.p[:, at].std() == pytest.approx(expected, rel=0.08)
+    assert drawn.p[:, at].std() == pytest.approx(expected, rel=0.12)
 
 
 def test_the_record_has_the_deviations_of_the_intervals(judged: Judged) -> None:
