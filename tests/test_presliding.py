@@ -83,7 +83,7 @@ def test_friction_that_is_higher_after_a_turn_is_another_cause() -> None:
     trace = studied_trace(result.problem.dynamics, result.recordings[0], result.model.p)
     assert trace is not None
     point = TracePoint(trace, result.model.p)
-    effect = Presliding.at(point)
+    effect = Presliding.along(point)
     strokes = np.ptp(point.q, axis=0)
     assert effect.addition.orders == pytest.approx(1 / strokes)
     assert effect.columns(point).shape[2] == 12

@@ -76,7 +76,7 @@ def unknowns_at(point: TracePoint) -> tuple[UnknownEffect, ...]:
     fastest = float(np.linalg.norm(point.platform, axis=1).max(initial=1e-9))
     spring = DriveSpring(dynamics, every, (1.0,) * point.dof)
     forces = (Added(force.name, force) for force in platform_forces(dynamics, fastest))
-    return (*UNKNOWNS, Added(spring.name, spring), Presliding.at(point), *forces)
+    return (*UNKNOWNS, Added(spring.name, spring), Presliding.along(point), *forces)
 
 
 def as_fitted(dynamics: Dynamics, record: FittedEffect) -> FittedTorques:

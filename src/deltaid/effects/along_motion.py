@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.estimation.additions import Addition, Own, Values, split_by_addition, torques_of
-from deltaid.model.corrections import FittedEffect, Kind
+from deltaid.model.corrections import Correction, FittedEffect, Kind
 from deltaid.model.parameter_record import Parameter
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
@@ -65,6 +65,14 @@ class AlongMotion(Addition):
     def record(self, values: tuple[float, ...]) -> FittedEffect:
         return FittedEffect(name=self.name, values=values, drives=self.owners, orders=self.orders,
                             fastest=self.fastest)  # fmt: skip
+
+    def correction(
+        self, subject: str, value: float, judged: Iterable[Parameter], unit: str, text: str
+    ) -> Correction:
+        """A correction of this size, as wide as the widest interval of some coefficients."""
+        half = widest(judged)
+        return Correction(kind=self.kind, subject=subject, value=value, low=value - half,
+                          high=value + half, unit=unit, text=f"{text}; {WITHOUT}")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

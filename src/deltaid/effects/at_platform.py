@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics
-from deltaid.effects.along_motion import WITHOUT, AlongMotion, InTask, widest
+from deltaid.effects.along_motion import AlongMotion, InTask
 from deltaid.estimation.additions import Values
 from deltaid.model.corrections import Correction
 from deltaid.model.parameter_record import Parameter
@@ -51,22 +51,12 @@ class AtPlatform(AlongMotion):
         torques = sum(forces[:, None, i] * along[i] for i in range(3))
         return -np.reshape(torques, (-1, len(z)))
 
-    def correction(
-        self, value: float, judged: Sequence[Parameter], unit: str, text: str
-    ) -> tuple[Correction, ...]:
-        """A correction of this size, as wide as the widest interval of the coefficients."""
-        half = widest(judged)
-        return (
-            Correction(kind=self.kind, subject="platform", value=value, low=value - half,
-                       high=value + half, unit=unit, text=f"{text}; {WITHOUT}"),
-        )  # fmt: skip
-
-    def pull(self, judged: Sequence[Parameter], what: str) -> tuple[Correction, ...]:
+    def pull(self, judged: Sequence[Parameter], what: str) -> Correction:
         """A correction by a force at home with these components."""
         f = np.array([entry.value for entry in judged])
         way = ", ".join(f"{share:.2f}" for share in f / max(np.linalg.norm(f), 1e-300))
         text = f"{what} pulls at the platform along ({way}), as a hose or cable does"
-        return self.correction(float(np.linalg.norm(f)), judged, "N", text)
+        return self.correction("platform", float(np.linalg.norm(f)), judged, "N", text)
 
 
 class ConstantForce(AtPlatform):
@@ -80,7 +70,7 @@ class ConstantForce(AtPlatform):
         return np.eye(3)[:, None, :] * np.ones((len(x), 1))
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        return self.pull(judged, "a constant force")
+        return (self.pull(judged, "a constant force"),)
 
 
 class PlatformSpring(AtPlatform):
@@ -101,8 +91,8 @@ class PlatformSpring(AtPlatform):
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         stiffness = float(np.mean([entry.value for entry in judged[:3]]))
         text = "a spring pulls the platform back, as a hose, a cable or a balancer does"
-        stiff = self.correction(stiffness, judged[:6], "N/m", text)
-        return (*stiff, *self.pull(judged[6:], "where the robot is at home, this spring"))
+        stiff = self.correction("platform", stiffness, judged[:6], "N/m", text)
+        return stiff, self.pull(judged[6:], "where the robot is at home, this spring")
 
 
 class Drag(AtPlatform):
@@ -118,7 +108,7 @@ class Drag(AtPlatform):
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         text = "something drags at the platform against its motion, as a hose or cable does"
-        return self.correction(judged[0].value, judged[:1], "N", text)
+        return (self.correction("platform", judged[0].value, judged[:1], "N", text),)
 
 
 FORCES: tuple[type[AtPlatform], ...] = (ConstantForce, PlatformSpring, Drag)

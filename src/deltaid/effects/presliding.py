@@ -17,7 +17,6 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.effects.along_motion import WITHOUT, widest
 from deltaid.effects.at_drives import AtDrive, AtDrives, Columns
 from deltaid.effects.effect import DescribedEffect
 from deltaid.effects.point import Added, Deviations, EffectCandidate, RigidFit, TracePoint
@@ -39,7 +38,7 @@ class Presliding(AtDrives):
     symbols = tuple(f"over {percent(share)} of the stroke" for share in _SHARES.tolist())
 
     @classmethod
-    def at(cls, point: TracePoint) -> Added:
+    def along(cls, point: TracePoint) -> Added:
         """With a prior of 1 in the drives' units, for the strokes of a recording."""
         strokes = np.maximum(np.ptp(point.q, axis=0), np.finfo(float).tiny)
         drives, deviation = tuple(range(point.dof)), (1.0,) * point.dof * len(_SHARES)
@@ -54,18 +53,16 @@ class Presliding(AtDrives):
         for k, (owner, order) in enumerate(zip(self.owners, self.orders, strict=True)):
             own = judged[k * count : (k + 1) * count]
             values = np.array([entry.value for entry in own])
-            half, size, yielding = widest(own), float(values.sum()), np.maximum(values, 0.0)
+            yielding = np.maximum(values, 0.0)
             length = float(yielding @ _SHARES) / max(float(yielding.sum()), 1e-300) / order
             linear = self.dynamics.robot.is_linear(owner)
             distance = f"{1e3 * length:.2g} mm" if linear else f"{np.degrees(length):.2g}°"
             text = (
                 f"its friction builds up over {distance} after it turns, as seals and gears yield "
-                f"before they slip; {WITHOUT}"
+                "before they slip"
             )
-            corrections.append(
-                Correction(kind=self.kind, subject=owner, value=size, low=size - half,
-                           high=size + half, unit=self.unit, text=text)
-            )  # fmt: skip
+            size = float(values.sum())
+            corrections.append(self.correction(owner, size, own, self.unit, text))
         return tuple(corrections)
 
 
@@ -79,7 +76,7 @@ class YieldingFriction(DescribedEffect):
     follows = "the distance since the drive turned"
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
-        of_all = Presliding.at(fit).columns(fit).reshape(fit.dof, -1, fit.dof, len(_SHARES))
+        of_all = Presliding.along(fit).columns(fit).reshape(fit.dof, -1, fit.dof, len(_SHARES))
         for k, share in enumerate(_SHARES.tolist()):
             words = f"friction that builds up over {percent(share)} of the stroke"
             yield from self.of_each(fit.drives, fit.rows.stack(of_all[..., k]), words)
