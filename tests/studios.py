@@ -55,7 +55,7 @@ class Studio:
     @property
     def address(self) -> str:
         """What opens it once: the next one that it has printed."""
-        return self._addresses.get(timeout=20)
+        return self._addresses.get(timeout=60)
 
     def _read(self) -> None:
         assert self._process.stderr is not None
@@ -74,7 +74,7 @@ class Studio:
     def close(self) -> None:
         self._process.send_signal(signal.SIGINT)
         try:
-            self._process.wait(20)
+            self._process.wait(60)
         except subprocess.TimeoutExpired:
             self._process.kill()
         for reader in self._readers:

@@ -40,7 +40,7 @@ def test_ctrl_c_closes_the_live_view() -> None:
             assert "clavel-delta3 is shown at http://127.0.0.1:" in shown.stdout.readline()
             time.sleep(1.0)  # its server runs by now
             shown.send_signal(signal.SIGINT)
-            assert shown.wait(20) == 0
+            assert shown.wait(60) == 0
             assert "closed" in shown.stdout.read()
         finally:
             shown.kill()
@@ -61,30 +61,31 @@ def test_live_view_in_a_browser() -> None:
 
 def _visit(live, browser) -> None:
     page = browser.new_page(viewport={"width": 1000, "height": 700})
+    page.set_default_timeout(60_000)  # draws without a graphics card, beside other tests
     said, asked = [], []
     page.on("console", lambda m: said.append(m.text) if m.type == "error" else None)
     page.on("pageerror", lambda error: said.append(str(error)))
     page.on("request", lambda request: asked.append(request.url))
     page.goto(live.url)
-    page.get_by_text("use of the limits").wait_for(timeout=15_000)
+    page.get_by_text("use of the limits").wait_for()
     canvas = page.locator("canvas").first
     page.wait_for_timeout(1500)
     before = canvas.screenshot()
 
     live.move(live.robot.home + np.array([0.25, 0.1, 0.05, 0.5]))
     first = next(d for d in live.view.drives if d.name == "drive1")
-    page.get_by_text(f"{first.position:.1f} deg").first.wait_for(timeout=5000)
+    page.get_by_text(f"{first.position:.1f} deg").first.wait_for()
     page.wait_for_timeout(500)
     assert canvas.screenshot() != before
     arms = live.server.scene.get_handle_by_name("/robot/U")
     stood = arms.batched_positions.copy()
 
     live.move(live.robot.home + np.array([3.0, 0.0, 0.0, 0.0]))
-    page.get_by_text("cannot reach").wait_for(timeout=5000)
+    page.get_by_text("cannot reach").wait_for()
     np.testing.assert_array_equal(arms.batched_positions, stood)
 
     page.get_by_role("button", name="home").click()
-    page.get_by_text("cannot reach").wait_for(state="detached", timeout=5000)
+    page.get_by_text("cannot reach").wait_for(state="detached")
     np.testing.assert_array_equal(live.view.z, live.robot.home)
     bodies = ("base", "U", "S", "P", "TU", "TL", "EE")
     names = (*(f"/robot/{body}" for body in bodies), "/workspace", "/target", "/reach")
@@ -133,14 +134,14 @@ def test_live_view_talks_to_no_other_page(live, origin: str | None) -> None:
 @pytest.mark.parametrize("name", ["127.0.0.1", "localhost"])
 def test_live_view_talks_to_its_own_page(live, name: str) -> None:
     with _socket(live.server.get_port(), f"http://{name}:{live.server.get_port()}") as opened:
-        assert opened.recv(timeout=10)
+        assert opened.recv(timeout=60)
 
 
 def test_live_view_shows_its_page_under_its_own_name_only(live) -> None:
     port = live.server.get_port()
     for host, status in ((f"127.0.0.1:{port}", 200), (f"localhost:{port}", 200),
                          (f"evil.example:{port}", 403), ("127.0.0.1:1", 403)):  # fmt: skip
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
         connection.request("GET", "/", headers={"Host": host})
         assert connection.getresponse().status == status
         connection.close()

@@ -114,7 +114,7 @@ def test_from_an_empty_folder_to_an_exported_model(visitor: Visitor, place: Path
 
 
 def _ask(studio: Studio, path: str, **headers: str) -> http.client.HTTPResponse:
-    connection = http.client.HTTPConnection("127.0.0.1", studio.port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", studio.port, timeout=60)
     connection.request("GET", path, headers={k.replace("_", "-"): v for k, v in headers.items()})
     return connection.getresponse()
 

@@ -1,7 +1,7 @@
 """`deltaid show`, `base`, `schema` and `reproduce`: a robot, its base parameters, schemas of files,
 and the paper's examples."""
 
-import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -107,9 +107,8 @@ def show(
         shown = LiveView(at_rest, DEFAULT_PORT if port is None else port)
         try:
             console.print(f"{at_rest.robot.name} is shown at {shown.url} until Ctrl-C")
-            closed = threading.Event()
-            while not closed.wait(own_page.POLL):
-                pass
+            while True:  # what interrupts a sleep meets no lock that is half released
+                time.sleep(own_page.POLL)
         except KeyboardInterrupt:
             console.print("closed")
         finally:
