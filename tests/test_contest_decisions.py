@@ -30,12 +30,12 @@ from deltaid.model.settings import Settings
 from deltaid.robot.friction import Stribeck
 from deltaid.robot.load import described
 from drives import case, mixture
-from drives.absent import without
+from drives.absent import SPRINGS, without
 from drives.identify import described as described_in
 from drives.identify import identified
 from drives.judge import judge
 
-FORCES = {"platform-spring", "platform-force"}
+FORCES = {"platform-force", *SPRINGS}
 
 
 @pytest.mark.slow
@@ -255,7 +255,7 @@ def test_a_wrong_gear_ratio_is_not_mistaken_for_lengths_or_a_load(
     ]
     assert first - np.mean(others) == pytest.approx(-0.5, abs=0.03)
     assert others == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
-    assert not {c.kind for c in corrections} & {"length", "load", "platform-spring"}
+    assert not {c.kind for c in corrections} & {"length", "load"}
     assert judge(made, result).M < 0.005
 
 

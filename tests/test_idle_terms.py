@@ -87,7 +87,7 @@ def test_coefficients_that_are_uncertain_only_one_by_one_are_not_idle() -> None:
     """A drag along the combination of its two coefficients that a recording determines best."""
     result = identified(LOG).result
     dynamics = compiled(result.robot)
-    drag = platform_forces(dynamics, 1.0)[2]
+    drag = platform_forces(dynamics, 1.0)[-1]
     setup = Setup(result.robot, result.recordings, PLAIN, additions=(drag,))
     problem = fit(dynamics, setup.recordings, PLAIN, additions=setup.additions)
     assert idle(setup, problem).effects == {drag.name}

@@ -8,6 +8,8 @@ import pytest
 from deltaid.effects.point import TracePoint, UnknownEffect
 from deltaid.identification import contest, contest_outcome, contest_stage, study
 
+SPRINGS = frozenset({"isotropic-spring", "anisotropic-spring", "stiffness-gradient",
+                     "stiffness-curvature"})  # fmt: skip
 # Names and kinds of effects that model the same cause, by its row in `causes.py`.
 CAUSES_OF: dict[str, frozenset[str]] = {
     "homing-0.5": frozenset({"zero", "homing-or-tilt"}),
@@ -17,7 +19,7 @@ CAUSES_OF: dict[str, frozenset[str]] = {
     "falling-gain": frozenset({"torque-constant"}),
     "ripple": frozenset({"ripple"}),
     "balancer": frozenset({"drive-spring"}),
-    "hose": frozenset({"platform-force", "platform-spring", "platform-drag"}),
+    "hose": frozenset({"platform-force", "platform-drag", *SPRINGS}),
     "askew": frozenset({"structure"}),
     "heavy-limb": frozenset({"limb"}),
     "presliding": frozenset({"presliding"}),

@@ -1,12 +1,14 @@
 """Torques of a force at the platform that a description lacks, as of a hose, a cable or a spring:
 
-    F = f − K (x − x_0) − d v/|v| − c v,    τ = Y p − J_xᵀ F,    J_x = ∂x/∂q
+    F = f − K x − ∂V/∂x − d v/|v| − c v,    τ = Y p − J_xᵀ F,    J_x = ∂x/∂q
 
-with the place x of the platform, its velocity v, and its home x_0.
+with the platform's displacement x from home, its velocity v, a symmetric stiffness K, and a
+potential V of third and fourth degree.
 """
 
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
+from itertools import combinations_with_replacement
 from typing import ClassVar
 
 import numpy as np
@@ -51,12 +53,18 @@ class AtPlatform(AlongMotion):
         torques = sum(forces[:, None, i] * along[i] for i in range(3))
         return -np.reshape(torques, (-1, len(z)))
 
-    def pull(self, judged: Sequence[Parameter], what: str) -> Correction:
+    def pull(self, judged: Sequence[Parameter]) -> Correction:
         """A correction by a force at home with these components."""
         f = np.array([entry.value for entry in judged])
         way = ", ".join(f"{share:.2f}" for share in f / max(np.linalg.norm(f), 1e-300))
-        text = f"{what} pulls at the platform along ({way}), as a hose or cable does"
+        text = (f"where the robot is at home, a force pulls at the platform along ({way}), as a "
+                "hose or cable does")  # fmt: skip
         return self.correction("platform", float(np.linalg.norm(f)), judged, "N", text)
+
+
+def constant(x: InWorld) -> Forces:
+    """Forces of 1 N along each axis."""
+    return np.eye(3)[:, None, :] * np.ones((len(x), 1))
 
 
 class ConstantForce(AtPlatform):
@@ -67,32 +75,92 @@ class ConstantForce(AtPlatform):
     units = ("N",) * 3
 
     def forces(self, x: InWorld, v: InWorld) -> Forces:
-        return np.eye(3)[:, None, :] * np.ones((len(x), 1))
+        return constant(x)
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        return (self.pull(judged, "a constant force"),)
+        return (self.pull(judged),)
 
 
 class PlatformSpring(AtPlatform):
-    """K = Kᵀ and f = K x_r: a force that grows with the distance from where the spring is relaxed,
-    F = −K (x − x_r), as that of a potential."""
+    """A part of −∂V/∂x, with a potential V of the place of the platform."""
 
-    name = "platform-spring"
-    symbols = ("Kxx", "Kyy", "Kzz", "Kxy", "Kxz", "Kyz", "Fx", "Fy", "Fz")
-    units = ("N/m",) * 6 + ("N",) * 3
-
-    def forces(self, x: InWorld, v: InWorld) -> Forces:
-        along, across = np.eye(3), [(0, 1), (0, 2), (1, 2)]
-        straight = [np.outer(x[:, i], along[i]) for i in range(3)]
-        coupled = [np.outer(x[:, j], along[i]) + np.outer(x[:, i], along[j]) for i, j in across]
-        relaxed = -along[:, None, :] * np.ones((len(x), 1))
-        return -np.stack([*straight, *coupled, *relaxed])
+    units = ("N/m",)
+    text: ClassVar[str]
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        stiffness = float(np.mean([entry.value for entry in judged[:3]]))
-        text = "a spring pulls the platform back, as a hose, a cable or a balancer does"
-        stiff = self.correction("platform", stiffness, judged[:6], "N/m", text)
-        return stiff, self.pull(judged[6:], "where the robot is at home, this spring")
+        largest = max((entry.value for entry in judged), key=abs)
+        return (self.correction("platform", largest, judged, self.units[0], self.text),)
+
+
+class IsotropicSpring(PlatformSpring):
+    """K = k 1 and f = k x_r: as stiff in all directions, and relaxed at x_r."""
+
+    name = "isotropic-spring"
+    symbols = ("K", "Fx", "Fy", "Fz")
+    units = ("N/m", "N", "N", "N")
+    text = "a spring pulls the platform back, as a hose, a cable or a balancer does"
+
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        return np.concatenate([-x[None], constant(x)])
+
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
+        return (*super().to_corrections(judged[:1]), self.pull(judged[1:]))
+
+
+class AnisotropicSpring(PlatformSpring):
+    """K = Kᵀ with the trace 0: stiffer in some directions than in others."""
+
+    name = "anisotropic-spring"
+    symbols = ("Kxx", "Kyy", "Kxy", "Kxz", "Kyz")
+    units = ("N/m",) * 5
+    text = "a spring, hose or cable at the platform is stiffer in some directions than in others"
+
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        along, across = np.outer(x[:, 2], np.eye(3)[2]), [(0, 1), (0, 2), (1, 2)]
+        straight = [np.outer(x[:, i], np.eye(3)[i]) - along for i in (0, 1)]
+        coupled = [x[:, [j]] * np.eye(3)[i] + x[:, [i]] * np.eye(3)[j] for i, j in across]
+        return -np.stack([*straight, *coupled])
+
+
+class Potential(PlatformSpring):
+    """V of a degree above 2: a stiffness that varies with the place, as that of a cable does,
+    whose direction changes."""
+
+    powers: ClassVar[Float[np.ndarray, "columns 3"]]  # of the coordinates
+
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        return -np.stack([_gradient(x, powers) for powers in self.powers])
+
+
+def _powers(degree: int) -> Float[np.ndarray, "columns 3"]:
+    products = combinations_with_replacement(np.eye(3), degree)
+    return np.array([np.sum(product, axis=0) for product in products])
+
+
+def _gradient(x: InWorld, powers: Float[np.ndarray, " 3"]) -> InWorld:
+    """Of a product of powers of the coordinates."""
+    lower = np.maximum(powers - np.eye(3), 0.0)
+    return powers * np.prod(x[:, None] ** lower, axis=2)
+
+
+class StiffnessGradient(Potential):
+    """V of third degree."""
+
+    name = "stiffness-gradient"
+    powers = _powers(3)
+    symbols = tuple(f"V3.{k}" for k in range(len(powers)))
+    units = ("N/m²",) * len(powers)
+    text = "the stiffness of a spring, hose or cable at the platform varies with the place"
+
+
+class StiffnessCurvature(Potential):
+    """V of fourth degree."""
+
+    name = "stiffness-curvature"
+    powers = _powers(4)
+    symbols = tuple(f"V4.{k}" for k in range(len(powers)))
+    units = ("N/m³",) * len(powers)
+    text = "the stiffness of a spring, hose or cable at the platform bends with the place"
 
 
 class Drag(AtPlatform):
@@ -111,7 +179,14 @@ class Drag(AtPlatform):
         return (self.correction("platform", judged[0].value, judged[:1], "N", text),)
 
 
-FORCES: tuple[type[AtPlatform], ...] = (ConstantForce, PlatformSpring, Drag)
+FORCES: tuple[type[AtPlatform], ...] = (
+    ConstantForce,
+    IsotropicSpring,
+    AnisotropicSpring,
+    StiffnessGradient,
+    StiffnessCurvature,
+    Drag,
+)
 
 
 def platform_forces(dynamics: Dynamics, fastest: float) -> tuple[AtPlatform, ...]:

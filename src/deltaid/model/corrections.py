@@ -159,7 +159,13 @@ def cause_in_words(name: str) -> str:
     """Words for an effect's name, such as `tilt`; other text, as 'ripple of drive1, 34', is
     kept."""
     words: dict[str, str] = {str(kind): said for kind, said in NAMES.items()}
-    further = {"platform-spring": "spring at the platform", "platform-drag": "drag at the platform"}
+    further = {
+        "isotropic-spring": "spring at the platform",
+        "anisotropic-spring": "spring at the platform that is stiffer in some directions",
+        "stiffness-gradient": "gradient of a stiffness at the platform",
+        "stiffness-curvature": "curvature of a stiffness at the platform",
+        "platform-drag": "drag at the platform",
+    }
     return (words | further).get(name, name)
 
 

@@ -271,9 +271,6 @@ class IdentifiedModel(Shown, Plotted, Tabled, Reported, Part):
         self.layout.require_entries([(entry.name, entry.unit) for entry in self.parameters])
         base = [(entry.representative, entry.unit) for entry in self.base_parameters]
         self.layout.require_units("base_parameters", base)
-        if self.format < 5 and any(effect.name == "platform-spring" for effect in self.effects):
-            raise ValueError("a spring at the platform has other coefficients since format 5; "
-                             "identify the model again")  # fmt: skip
         drives = len(self.robot.drives)
         counted = {f"fit.{name}": getattr(self.fit, name) for name in _OF_DRIVES}
         if (seen := self.verification) is not None:
