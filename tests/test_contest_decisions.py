@@ -98,26 +98,28 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
 
 
 @pytest.mark.parametrize(
-    ("excludes_turns", "why_not", "parts", "spread", "best"),
+    ("excludes_turns", "why_not", "parts", "kept", "spread", "best"),
     [
-        (True, "", {"length", "zero"}, 0.5, -2.0),
-        (True, "", {"length", "zero"}, 0.52, -1.0),  # 1.96 · 0.52 is more than 1
-        (False, "", {"length", "zero"}, 0.1, -1.0),
-        (True, "zero", {"length", "zero"}, 0.1, -1.0),
-        (True, "", {"zero"}, 0.1, -1.0),
+        (True, "", {"length", "zero"}, "zero", 0.5, -2.0),
+        (True, "", {"length", "zero"}, "zero", 0.52, -1.0),  # 1.96 · 0.52 is more than 1
+        (False, "", {"length", "zero"}, "zero", 0.1, -1.0),
+        (True, "zero", {"length", "zero"}, "zero", 0.1, -1.0),
+        (True, "", {"zero"}, "zero", 0.1, -1.0),
+        (True, "", {"length", "zero"}, "ripple", 0.1, -1.0),  # both dropped in a later sweep
     ],
 )
 def test_all_rows_decide_between_errors_that_rows_beside_turns_did_not_tell_apart(
     excludes_turns: bool,
     why_not: str,
     parts: set[str],
+    kept: str,
     spread: float,
     best: float,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Of others, one is refuted, one leaves more."""
     robot = described("clavel-delta3")
-    last = Mock(spec=Contest, shrunk=Mock(spec=Shrunk, noise_spread=spread))
+    last = Mock(spec=Contest, shrunk=Mock(spec=Shrunk, noise_spread=spread, candidates=(kept,)))
     end, *others = (
         contest_stage._Sweeps(
             Setup(robot, (), Settings()), ContestOutcome(robot), last, last, np.zeros(0), (),

@@ -124,22 +124,20 @@ class AnisotropicSpring(PlatformSpring):
 
 class Potential(PlatformSpring):
     """V of a degree above 2: a stiffness that varies with the place, as that of a cable does,
-    whose direction changes."""
-
-    powers: ClassVar[Float[np.ndarray, "columns 3"]]  # of the coordinates
+    whose direction changes. A symbol names the coordinates that its coefficient multiplies."""
 
     def forces(self, x: InWorld, v: InWorld) -> Forces:
-        return -np.stack([_gradient(x, powers) for powers in self.powers])
+        return -np.stack([_gradient(x, symbol) for symbol in self.symbols])
 
 
-def _powers(degree: int) -> Float[np.ndarray, "columns 3"]:
-    products = combinations_with_replacement(np.eye(3), degree)
-    return np.array([np.sum(product, axis=0) for product in products])
+def _products(degree: int) -> tuple[str, ...]:
+    return tuple("V" + "".join(axes) for axes in combinations_with_replacement("xyz", degree))
 
 
-def _gradient(x: InWorld, powers: Float[np.ndarray, " 3"]) -> InWorld:
-    """Of a product of powers of the coordinates."""
-    lower = np.maximum(powers - np.eye(3), 0.0)
+def _gradient(x: InWorld, product: str) -> InWorld:
+    """Of a product of coordinates."""
+    powers = np.array([product.count(axis) for axis in "xyz"])
+    lower = np.maximum(powers - np.eye(3, dtype=int), 0)
     return powers * np.prod(x[:, None] ** lower, axis=2)
 
 
@@ -147,9 +145,8 @@ class StiffnessGradient(Potential):
     """V of third degree."""
 
     name = "stiffness-gradient"
-    powers = _powers(3)
-    symbols = tuple(f"V3.{k}" for k in range(len(powers)))
-    units = ("N/m²",) * len(powers)
+    symbols = _products(3)
+    units = ("N/m²",) * len(symbols)
     text = "the stiffness of a spring, hose or cable at the platform varies with the place"
 
 
@@ -157,9 +154,8 @@ class StiffnessCurvature(Potential):
     """V of fourth degree."""
 
     name = "stiffness-curvature"
-    powers = _powers(4)
-    symbols = tuple(f"V4.{k}" for k in range(len(powers)))
-    units = ("N/m³",) * len(powers)
+    symbols = _products(4)
+    units = ("N/m³",) * len(symbols)
     text = "the stiffness of a spring, hose or cable at the platform bends with the place"
 
 

@@ -253,8 +253,9 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
     """A fit with the candidates that rows need beside all others.
 
     The least surprising is dropped first, until all exceed `least` [decades]; then kept candidates
-    are exchanged for others, one for one, or one is added again, while the rows become more
-    probable: each of several may be needless only beside others that are dropped later. A candidate
+    are exchanged for others, one for one, or one is added again, in place of those that it makes
+    needless, while the rows become more probable: each of several may be needless only beside
+    others that are dropped later. A candidate
     that is smaller than the torque that no effect explains may be a part of it and is dropped,
     either from the start or only once all others are surprising, whichever makes the rows more
     probable.
@@ -269,21 +270,26 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
 
 
 def _enlarged(full: Shrunk, now: Shrunk, least: float) -> Iterator[Shrunk]:
-    """More probable fits with one more candidate than `now`, of which none would be dropped."""
-    for trial in suspects(full, now).values():
-        all_stay = len(_eliminated(trial, least, by_size=True).candidates) == len(trial.candidates)
-        if all_stay and trial.evidence > now.evidence:
-            yield trial
+    """More probable fits with one more candidate than `now`, without those that it makes
+    needless."""
+    for name, trial in suspects(full, now).items():
+        beside = _eliminated(trial, least, by_size=True, spared=name)
+        needed = _eliminated(beside, least, by_size=True).candidates
+        if set(needed) != set(now.candidates):
+            after = full.of_candidates(needed)
+            if after.evidence > now.evidence:
+                yield after
 
 
-def _eliminated(now: Shrunk, least: float, *, by_size: bool) -> Shrunk:
-    """Drop the least surprising candidate until all exceed `least`. Those that errors of positions
-    may be count as not surprising, and with `by_size` those smaller than the unexplained torque."""
-    while now.droppable:
+def _eliminated(now: Shrunk, least: float, *, by_size: bool, spared: str = "") -> Shrunk:
+    """Drop the least surprising candidate until all but the `spared` one exceed `least`. Those that
+    errors of positions may be count as not surprising, and with `by_size` those smaller than the
+    unexplained torque."""
+    while others := [group for group in now.droppable if group.name != spared]:
         unexplained = [now.size(group) for group in now.groups if is_unexplained(group.name)]
         least_named = max(POSITION_ERROR, by_size * float(np.linalg.norm(unexplained)))
         prices = dict[str, float]()
-        for group in now.droppable:
+        for group in others:
             least_size = POSITION_ERROR if is_unexplained(group.name) else least_named
             is_so = now.size(group) > least_size and group.allows(now.x, now.covariance)
             prices[group.name] = now.surprise(group) if is_so else 0.0

@@ -120,8 +120,10 @@ def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
 
 def _by_all_rows(bare: Setup, end: _Sweeps) -> _Sweeps:
     """Sweeps with fewer errors of the description, if these leave less noise in all rows beyond
-    chance (95 %); only where several were kept and rows near turns of passive joints excluded."""
-    if not end.over_all_rows or end.why_not or len(end.parts) < 2:
+    chance (95 %); only where one stayed of several, and rows near turns of passive joints were
+    excluded."""
+    stayed = end.parts.intersection(end.last.shrunk.candidates)
+    if not end.over_all_rows or end.why_not or len(end.parts) < 2 or not stayed:
         return end
     standing = [other for other in _barred(bare, end.parts) if not other.why_not]
     noise = {other: other.over_all_rows().noise for other in standing if other.over_all_rows}
