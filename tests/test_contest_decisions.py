@@ -283,7 +283,7 @@ def test_what_is_within_parts_stands_in_place_of_what_is_not() -> None:
     result = identified(made)
     kinds = {correction.kind for correction in result.model.corrections}
     assert "zero" in kinds
-    assert not kinds & {"length", "ripple", "platform-force"}
+    assert not kinds & {"length", "ripple", *FORCES, "platform-spring"}
     assert judge(made, result).M < 0.005
 
 

@@ -40,7 +40,8 @@ from drives.judge import judge
 PLACE = f"{UNEXPLAINED} its place"
 # Effects that the contest of causes corrects.
 NAMED = {"zero", "gear-ratio", "tilt", "length", "torque-constant", "torque-drift", "structure",
-         "ripple", "drive-spring", "platform-force", "gain"}  # fmt: skip
+         "ripple", "drive-spring", "platform-force", "platform-spring", "platform-drag",
+         "gain"}  # fmt: skip
 
 
 def weaker_at_speed(made: Case) -> Case:

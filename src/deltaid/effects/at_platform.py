@@ -59,7 +59,8 @@ class AtPlatform(AlongMotion):
         way = ", ".join(f"{share:.2f}" for share in f / max(np.linalg.norm(f), 1e-300))
         text = (f"where the robot is at home, a force pulls at the platform along ({way}), as a "
                 "hose or cable does")  # fmt: skip
-        return self.correction("platform", float(np.linalg.norm(f)), judged, "N", text)
+        pull = self.correction("platform", float(np.linalg.norm(f)), judged, "N", text)
+        return pull.changed(kind="platform-force")
 
 
 def constant(x: InWorld) -> Forces:
@@ -84,6 +85,7 @@ class ConstantForce(AtPlatform):
 class PlatformSpring(AtPlatform):
     """A part of −∂V/∂x, with a potential V of the place of the platform."""
 
+    kind = "platform-spring"
     units = ("N/m",)
     text: ClassVar[str]
 
@@ -162,6 +164,7 @@ class StiffnessCurvature(Potential):
 class Drag(AtPlatform):
     """d, c: a force against the velocity, constant or in proportion to it."""
 
+    kind = "platform-drag"
     name = "platform-drag"
     symbols = ("d", "c")
     units = ("N", "N s/m")

@@ -116,6 +116,8 @@ Kind = Literal[
     "drive-spring",
     "presliding",
     "platform-force",
+    "platform-spring",
+    "platform-drag",
     "structure",
     "limb",
     "prior",
@@ -148,6 +150,8 @@ NAMES: dict[Kind, str] = {
     "drive-spring": "springs at drives",
     "presliding": "friction that yields before it slips",
     "platform-force": "force at the platform",
+    "platform-spring": "spring at the platform",
+    "platform-drag": "drag at the platform",
     "structure": "shape of bodies",
     "limb": "limbs that differ",
     "prior": "prior made wider",
@@ -164,7 +168,6 @@ def cause_in_words(name: str) -> str:
         "anisotropic-spring": "spring at the platform that is stiffer in some directions",
         "stiffness-gradient": "gradient of a stiffness at the platform",
         "stiffness-curvature": "curvature of a stiffness at the platform",
-        "platform-drag": "drag at the platform",
     }
     return (words | further).get(name, name)
 
