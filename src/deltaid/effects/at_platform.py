@@ -149,7 +149,7 @@ class StiffnessGradient(Potential):
     name = "stiffness-gradient"
     symbols = _products(3)
     units = ("N/m²",) * len(symbols)
-    text = "the stiffness of a spring, hose or cable at the platform varies with the place"
+    text = "the stiffness of a spring or cable at the platform varies with the place"
 
 
 class StiffnessCurvature(Potential):
@@ -158,7 +158,7 @@ class StiffnessCurvature(Potential):
     name = "stiffness-curvature"
     symbols = _products(4)
     units = ("N/m³",) * len(symbols)
-    text = "the stiffness of a spring, hose or cable at the platform bends with the place"
+    text = "the stiffness of a spring or cable at the platform varies with the square of the place"
 
 
 class Drag(AtPlatform):
