@@ -1,7 +1,6 @@
 """The contest of causes: columns of its effects, what it keeps, and what goes with the model."""
 
 from dataclasses import replace
-from itertools import combinations_with_replacement
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -33,12 +32,7 @@ def potentials(x: np.ndarray) -> np.ndarray:
     squares = 0.5 * x**2
     springs = [squares.sum(axis=1), *-x.T, *(squares[:, :2] - squares[:, 2:]).T]
     coupled = [x[:, 0] * x[:, 1], x[:, 0] * x[:, 2], x[:, 1] * x[:, 2]]
-    higher = [
-        np.prod(x[:, axes], axis=1)
-        for degree in (3, 4)
-        for axes in combinations_with_replacement(range(3), degree)
-    ]
-    return np.array([*-x.T, *springs, *coupled, *higher])
+    return np.array([*-x.T, *springs, *coupled])
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -67,13 +61,11 @@ def test_forces_do_the_work_that_drives_have_to_do(name: str) -> None:
     ("row", "kinds"),
     [
         ("force", {"platform-force"}),
-        ("cable", {"platform-force", "platform-spring"}),
         ("balancer", {"drive-spring"}),
     ],
 )
 def test_what_pulls_is_no_fault_of_drives_or_geometry(row: str, kinds: set[str]) -> None:
-    """The stiffness of a cable varies with the place, which lengths, ripples and friction laws
-    mimic; zeros and gains mimic a force that springs make needless at first, and springs at the
+    """Zeros and gains mimic a force that springs make needless at first, and springs at the
     platform those at the drives."""
     made = case(row, "delta3", 1)
     judged = judge(made, identified(made))

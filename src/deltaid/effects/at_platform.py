@@ -1,14 +1,12 @@
 """Torques of a force at the platform that a description lacks, as of a hose, a cable or a spring:
 
-    F = f − K x − ∂V/∂x − d v/|v| − c v,    τ = Y p − J_xᵀ F,    J_x = ∂x/∂q
+    F = f − K x − d v/|v| − c v,    τ = Y p − J_xᵀ F,    J_x = ∂x/∂q
 
-with the platform's displacement x from home, its velocity v, a symmetric stiffness K, and a
-potential V of third and fourth degree.
+with the platform's displacement x from home, its velocity v, and a symmetric stiffness K.
 """
 
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
-from itertools import combinations_with_replacement
 from typing import ClassVar
 
 import numpy as np
@@ -83,7 +81,7 @@ class ConstantForce(AtPlatform):
 
 
 class PlatformSpring(AtPlatform):
-    """A part of −∂V/∂x, with a potential V of the place of the platform."""
+    """A part of f − K x."""
 
     kind = "platform-spring"
     units = ("N/m",)
@@ -124,43 +122,6 @@ class AnisotropicSpring(PlatformSpring):
         return -np.stack([*straight, *coupled])
 
 
-class Potential(PlatformSpring):
-    """V of a degree above 2: a stiffness that varies with the place, as that of a cable does,
-    whose direction changes. A symbol names the coordinates that its coefficient multiplies."""
-
-    def forces(self, x: InWorld, v: InWorld) -> Forces:
-        return -np.stack([_gradient(x, symbol) for symbol in self.symbols])
-
-
-def _products(degree: int) -> tuple[str, ...]:
-    return tuple("V" + "".join(axes) for axes in combinations_with_replacement("xyz", degree))
-
-
-def _gradient(x: InWorld, product: str) -> InWorld:
-    """Of a product of coordinates."""
-    powers = np.array([product.count(axis) for axis in "xyz"])
-    lower = np.maximum(powers - np.eye(3, dtype=int), 0)
-    return powers * np.prod(x[:, None] ** lower, axis=2)
-
-
-class StiffnessGradient(Potential):
-    """V of third degree."""
-
-    name = "stiffness-gradient"
-    symbols = _products(3)
-    units = ("N/m²",) * len(symbols)
-    text = "the stiffness of a spring or cable at the platform varies with the place"
-
-
-class StiffnessCurvature(Potential):
-    """V of fourth degree."""
-
-    name = "stiffness-curvature"
-    symbols = _products(4)
-    units = ("N/m³",) * len(symbols)
-    text = "the stiffness of a spring or cable at the platform varies with the square of the place"
-
-
 class Drag(AtPlatform):
     """d, c: a force against the velocity, constant or in proportion to it."""
 
@@ -178,14 +139,7 @@ class Drag(AtPlatform):
         return (self.correction("platform", judged[0].value, judged[:1], "N", text),)
 
 
-FORCES: tuple[type[AtPlatform], ...] = (
-    ConstantForce,
-    IsotropicSpring,
-    AnisotropicSpring,
-    StiffnessGradient,
-    StiffnessCurvature,
-    Drag,
-)
+FORCES: tuple[type[AtPlatform], ...] = (ConstantForce, IsotropicSpring, AnisotropicSpring, Drag)
 
 
 def platform_forces(dynamics: Dynamics, fastest: float) -> tuple[AtPlatform, ...]:

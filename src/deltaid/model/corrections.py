@@ -166,8 +166,6 @@ def cause_in_words(name: str) -> str:
     further = {
         "isotropic-spring": "spring at the platform",
         "anisotropic-spring": "spring at the platform that is stiffer in some directions",
-        "stiffness-gradient": "gradient of a stiffness at the platform",
-        "stiffness-curvature": "curvature of a stiffness at the platform",
     }
     return (words | further).get(name, name)
 
