@@ -203,6 +203,7 @@ def test_a_cause_that_makes_rows_less_probable_is_not_added(
         Mock(spec=Shrunk, candidates=names, droppable=(), evidence=evidence)
         for names, evidence in (((), 0.0), (("cause",), -1.0))
     )
+    bare.of_candidates.side_effect = {(): bare, ("cause",): larger}.__getitem__
     monkeypatch.setattr(contest_module, "suspects", lambda full, now: {"cause": larger})
     monkeypatch.setattr(contest_module, "rivals", lambda *given: {})
     assert reduced(bare, LEAST) is bare
