@@ -74,6 +74,18 @@ def test_what_pulls_is_no_fault_of_drives_or_geometry(row: str, kinds: set[str])
     assert judged.friction_shape < 0.005
 
 
+def test_springs_at_the_platform_are_corrections_by_their_largest_stiffness() -> None:
+    dynamics = compiled(described("clavel-delta3"))
+    _, isotropic, anisotropic, _ = platform_forces(dynamics, 1.0)
+    judged = [Mock(value=v, low=v - 1.0, high=v + 1.0) for v in (2.0, -7.0, 3.0, 4.0, 0.0)]
+    (uneven,) = anisotropic.to_corrections(judged)
+    assert (uneven.value, uneven.low, uneven.unit) == (-7.0, -8.0, "N/m")
+    spring, pull = isotropic.to_corrections(judged[1:])
+    assert (spring.kind, spring.value, spring.unit) == ("platform-spring", -7.0, "N/m")
+    assert (pull.kind, pull.value, pull.unit) == ("platform-force", 5.0, "N")
+    assert "along (0.60, 0.80, 0.00)" in pull.text
+
+
 def test_columns_at_drives_follow_their_positions() -> None:
     dynamics = compiled(described("irb360-6-1600"))
     z = dynamics.kinematics.home + 0.02 * np.random.default_rng(2).standard_normal((5, 4))

@@ -180,19 +180,23 @@ def test_what_is_smaller_than_all_that_no_effect_explains_is_dropped(
     assert reduced(full, LEAST).candidates == (*kept, time)
 
 
-def test_a_cause_dropped_beside_others_is_added_again_without_them() -> None:
-    """The cause is the sum of four: beside these it is needless, and each of these is small."""
+@pytest.mark.parametrize(("size", "kept_first"), [(0.007, ""), (0.05, "abcd")])
+def test_a_cause_dropped_beside_others_is_added_again_without_them(
+    size: float, kept_first: str
+) -> None:
+    """The cause is the sum of four: beside these it is needless, and each of these is small, or
+    needless only beside the cause."""
     rng = np.random.default_rng(3)
     parts = rng.standard_normal((800, 4))
     A = np.column_stack([parts, parts.sum(axis=1)])
-    b = 0.007 * A[:, 4] + 0.05 * rng.standard_normal(800)
+    b = size * A[:, 4] + 0.05 * rng.standard_normal(800)
     block = NoiseBlock(A, b, np.repeat(np.arange(40), 20), 3.0)
     groups = [
         CauseColumns(name, np.array([k]), np.full(1, deviation), np.zeros(1))
         for k, (name, deviation) in enumerate((*((c, 1.0) for c in "abcd"), ("whole", 0.1)))
     ]
     full = Shrunk.fitted([block], np.zeros((0, 5)), np.zeros(0), groups)
-    assert _eliminated(full, LEAST, by_size=True).candidates == ()
+    assert _eliminated(full, LEAST, by_size=True).candidates == tuple(kept_first)
     assert reduced(full, LEAST).candidates == ("whole",)
 
 

@@ -255,10 +255,9 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
     The least surprising is dropped first, until all exceed `least` [decades]; then kept candidates
     are exchanged for others, one for one, or one is added again, in place of those that it makes
     needless, while the rows become more probable: each of several may be needless only beside
-    others that are dropped later. A candidate
-    that is smaller than the torque that no effect explains may be a part of it and is dropped,
-    either from the start or only once all others are surprising, whichever makes the rows more
-    probable.
+    others that are dropped later. A candidate that is smaller than the torque that no effect
+    explains may be a part of it and is dropped, either from the start or only once all others are
+    surprising, whichever makes the rows more probable.
     """
     now = _eliminated(full, least, by_size=True)
     if any(map(is_unexplained, full.candidates)):
