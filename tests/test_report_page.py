@@ -171,6 +171,7 @@ def test_corrections_name_bodies_and_rows_of_drives(snapshot: Callable[[str], No
         corrections(friction=drives),
         corrections(friction=(*drives[:2], *drives[3:]), prior=("TU", "EE")),
         corrections(prior=("U1", "U2", "U3")),
+        corrections(**{"platform-spring": ("platform",), "platform-drag": ("platform",)}),
     )
     snapshot("\n".join(map(corrected, cases)) + "\n")
 

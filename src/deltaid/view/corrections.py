@@ -35,7 +35,8 @@ def corrected(corrections: Sequence[Correction]) -> str:
         subjects.setdefault(correction.kind, {})[correction.subject] = None
     things = []
     for kind, names in subjects.items():
-        own = ", ".join(_short([name for name in names if name not in ("", kind)]))
+        said = (kind, *NAMES[kind].split())
+        own = ", ".join(_short([name for name in names if name and name not in said]))
         things.append(NAMES[kind] + (f" ({own})" if own else ""))
     if len(things) < 2:
         return (
