@@ -18,6 +18,7 @@ from deltaid.effects.ripple_search import _NODES, _blocks, nearest_order, waves_
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import with_geometry
 from deltaid.identification.setup import ContestOutcome
+from deltaid.model.parameter_record import Parameter
 from deltaid.identification.study import studied_trace
 from deltaid.robot.load import described
 from drives import case
@@ -77,7 +78,12 @@ def test_what_pulls_is_no_fault_of_drives_or_geometry(row: str, kinds: set[str])
 def test_springs_at_the_platform_are_corrections_by_their_largest_stiffness() -> None:
     dynamics = compiled(described("clavel-delta3"))
     _, isotropic, anisotropic, _ = platform_forces(dynamics, 1.0)
-    judged = [Mock(value=v, low=v - 1.0, high=v + 1.0) for v in (2.0, -7.0, 3.0, 4.0, 0.0)]
+    judged = [
+        Parameter(
+            name="k", value=k, std=0.5, low=k - 1, high=k + 1, unit="", prior=0.0, determined_by="data"
+        )
+        for k in (2.0, -7.0, 3.0, 4.0, 0.0)
+    ]
     (uneven,) = anisotropic.to_corrections(judged)
     assert (uneven.value, uneven.low, uneven.unit) == (-7.0, -8.0, "N/m")
     spring, pull = isotropic.to_corrections(judged[1:])
