@@ -18,8 +18,8 @@ from deltaid.effects.ripple_search import _NODES, _blocks, nearest_order, waves_
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import with_geometry
 from deltaid.identification.setup import ContestOutcome
-from deltaid.model.parameter_record import Parameter
 from deltaid.identification.study import studied_trace
+from deltaid.model.parameter_record import Parameter
 from deltaid.robot.load import described
 from drives import case
 from drives.identify import identified
@@ -80,7 +80,14 @@ def test_springs_at_the_platform_are_corrections_by_their_largest_stiffness() ->
     _, isotropic, anisotropic, _ = platform_forces(dynamics, 1.0)
     judged = [
         Parameter(
-            name="k", value=k, std=0.5, low=k - 1, high=k + 1, unit="", prior=0.0, determined_by="data"
+            name="k",
+            value=k,
+            std=0.5,
+            low=k - 1,
+            high=k + 1,
+            unit="",
+            prior=0.0,
+            determined_by="data",
         )
         for k in (2.0, -7.0, 3.0, 4.0, 0.0)
     ]
