@@ -15,7 +15,7 @@ from drives.happening import Happening, Law
 from drives.made import Made
 from drives.measured import falling_gain, gains, offsets, saturation
 from drives.mixture import MIXED
-from drives.pulls import Balancer, Hose
+from drives.pulls import Balancer, Cable, Hose
 from drives.sensors import Sensors
 from oracle.tree import Array
 from plants import Truth
@@ -65,6 +65,22 @@ def test_a_hose_takes_the_power_that_its_force_gives() -> None:
     given -= pull.stiffness * np.einsum("sk,sk->s", v, away)
     np.testing.assert_allclose(-np.einsum("sd,sd->s", more, truth.qd), given,
                                atol=1e-6 * np.abs(given).max())  # fmt: skip
+
+
+def test_a_cable_gives_the_power_that_it_loses_as_its_length_changes() -> None:
+    of = case_of("cable")
+    happening = of.happenings[0]
+    (cable,), truth = happening.pulls, happening.truth
+    assert isinstance(cable, Cable)
+    more = truth.tau - undisturbed(happening).truth.tau
+    x, dx = truth.z[:, :3], 1e-6 * truth.zd[:, :3]
+    taut = [np.linalg.norm(at - cable.anchor, axis=1) - cable.slack for at in (x - dx, x + dx)]
+    taken = 0.5 * cable.stiffness * (taut[1] ** 2 - taut[0] ** 2) / 2e-6
+    np.testing.assert_allclose(np.einsum("sd,sd->s", more, truth.qd), taken,
+                               atol=1e-6 * np.abs(taken).max())  # fmt: skip
+    middle = of.machine.plant.path[:, :3].mean(axis=0)
+    stretch = np.linalg.norm(middle - cable.anchor) - cable.slack
+    assert cable.stiffness * stretch == pytest.approx(5 * of.unit)
 
 
 def test_a_balancer_is_a_spring_of_a_share_of_the_torque() -> None:

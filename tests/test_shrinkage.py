@@ -8,7 +8,7 @@ import pytest
 
 from deltaid.estimation.causes import CauseColumns, NoiseBlock
 from deltaid.estimation.drive_rows import TraceRows
-from deltaid.estimation.shrinkage import _ALIKE, Shrunk
+from deltaid.estimation.shrinkage import Shrunk
 from deltaid.identification import contest as contest_module
 from deltaid.identification.contest import Contest, _eliminated, reduced, rivals, suspects
 
@@ -93,13 +93,13 @@ def test_a_price_is_what_the_minimum_grows_by_without_the_group() -> None:
 
 
 def test_more_columns_explain_what_the_minimum_falls_by() -> None:
-    full, rng = problem(size=0.1), np.random.default_rng(4)
+    full, rng, alike = problem(size=0.1), np.random.default_rng(4), 0.01
     bare = full.without({"cause"})
     sets = [
         np.stack([b.A[:, 2:5] + b.A[:, :1], rng.standard_normal((400, 3))], axis=1)
         for b in full.blocks
     ]
-    explained = bare.explained((0, 1), sets)
+    explained, coefficients = bare.explained((0, 1), sets, alike)
     weights = np.repeat(1 / bare.sigma, 400)
     b = np.concatenate([block.b for block in bare.blocks]) * weights
     rows = np.vstack([block.A[:, [0, 1, 5, 6]] for block in bare.blocks]) * weights[:, None]
@@ -109,13 +109,15 @@ def test_more_columns_explain_what_the_minimum_falls_by() -> None:
     cost = float(np.sum(e**2) + np.sum((x / deviations) ** 2))
     for k, value in enumerate(explained):
         more = np.concatenate([columns[:, k] for columns in sets]) * weights[:, None]
-        own = np.sqrt(_ALIKE * np.sum(more**2, axis=0))
+        own = np.sqrt(alike * np.sum(more**2, axis=0))
         A = np.block(
             [[before, np.vstack([more, np.zeros((4, 3))])], [np.zeros((3, 4)), np.diag(own)]]
         )
         right = np.append(b, np.zeros(7))
-        least = float(np.sum((right - A @ np.linalg.lstsq(A, right)[0]) ** 2))
+        solution = np.linalg.lstsq(A, right)[0]
+        least = float(np.sum((right - A @ solution) ** 2))
         assert value == pytest.approx((cost - least) / np.mean(e**2), rel=1e-6)
+        assert coefficients[k] == pytest.approx(solution[4:], rel=1e-6)
     assert explained[0] > 50 > 20 > explained[1]
 
 
@@ -204,7 +206,7 @@ def test_a_cause_that_makes_rows_less_probable_is_not_added(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     bare, larger = (
-        Mock(spec=Shrunk, candidates=names, droppable=(), evidence=evidence)
+        Mock(spec=Shrunk, candidates=names, groups=(), droppable=(), evidence=evidence)
         for names, evidence in (((), 0.0), (("cause",), -1.0))
     )
     bare.of_candidates.side_effect = {(): bare, ("cause",): larger}.__getitem__

@@ -8,7 +8,7 @@ import pytest
 from deltaid.effects.point import TracePoint, UnknownEffect
 from deltaid.identification import contest, contest_outcome, contest_stage, study
 
-SPRINGS = frozenset({"isotropic-spring", "anisotropic-spring"})
+SPRINGS = frozenset({"isotropic-spring", "anisotropic-spring", "cable"})
 # Names and kinds of effects that model the same cause, by its row in `causes.py`.
 CAUSES_OF: dict[str, frozenset[str]] = {
     "homing-0.5": frozenset({"zero", "homing-or-tilt"}),

@@ -37,6 +37,28 @@ class Hose:
 
 
 @dataclass(frozen=True, eq=False)
+class Cable:
+    """An elastic cable from the platform to a fixed point, always taut.
+
+    Attributes:
+        anchor: (3,) the fixed point in the world (m).
+        stiffness: along the cable (N/m).
+        slack: its length without tension (m).
+    """
+
+    anchor: Array
+    stiffness: float
+    slack: float
+
+    def torque(self, truth: Truth) -> Array:
+        """−Jᵀ F: torque that the motors must add, (samples, drives)."""
+        along = self.anchor - truth.z[:, :3]
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        pull = self.stiffness * (length - self.slack) * along / length
+        return -np.einsum("szd,sz->sd", truth.hand[:, :3], pull)
+
+
+@dataclass(frozen=True, eq=False)
 class Balancer:
     """A spring at each drive with the torque −stiffness (q − rest); both (drives,).
 

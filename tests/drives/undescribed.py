@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 from drives.made import Made
-from drives.pulls import Balancer, Hose
+from drives.pulls import Balancer, Cable, Hose
 from drives.robots import Machine
 from drives.rows import unit
 from oracle.tree import Array, Body
@@ -59,6 +59,19 @@ def hose(made: Made, rng: np.random.Generator, size: float) -> Made:
     words = (f"hose {size:.2g} N along {np.round(way, 2).tolist()}, drag {drag:.2g} N, "
              f"{10 * size:.2g} N/m")  # fmt: skip
     return made.but(words, pulls=(*made.happening.pulls, pull))
+
+
+def cable(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """A cable that pulls with a force (N) in the motion's middle, from one to two lengths of a
+    strut above; its stiffness has six times this number in N/m."""
+    m, way = made.machine, _way(rng)
+    way[2] = abs(way[2])
+    length = float(rng.uniform(1.0, 2.0)) * m.robot.limbs.geometry()[0].strut
+    stiffness = _stiffness(m, 6 * size)
+    pull = Cable(m.plant.path[:, :3].mean(axis=0) + length * way, stiffness,
+                 length - size * unit(m) / stiffness)  # fmt: skip
+    return made.but(f"cable of {length:.2g} m along {np.round(way, 2).tolist()}",
+                    pulls=(*made.happening.pulls, pull))  # fmt: skip
 
 
 def balancer(made: Made, rng: np.random.Generator, size: float) -> Made:

@@ -9,7 +9,7 @@ import numpy as np
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.effects.along_motion import AlongMotion, FittedTorques
 from deltaid.effects.at_drives import DriveSpring, RippleColumns
-from deltaid.effects.at_platform import FORCES, platform_forces
+from deltaid.effects.at_platform import FORCES, Cable, platform_forces
 from deltaid.effects.delay import Delay
 from deltaid.effects.drift import Drift
 from deltaid.effects.effect import Cause, Effect
@@ -67,7 +67,13 @@ UNKNOWNS: tuple[UnknownEffect, ...] = (
     UnlikeLimbs(),
 )
 
-ALONG_MOTION: tuple[type[AlongMotion], ...] = (RippleColumns, DriveSpring, Presliding, *FORCES)
+ALONG_MOTION: tuple[type[AlongMotion], ...] = (
+    RippleColumns,
+    DriveSpring,
+    Presliding,
+    *FORCES,
+    Cable,
+)
 
 
 def unknowns_at(point: TracePoint) -> tuple[UnknownEffect, ...]:
@@ -84,12 +90,17 @@ def as_fitted(dynamics: Dynamics, record: FittedEffect) -> FittedTorques:
 
     Raises:
         StopIteration: no effect has this name.
-        ValueError: the robot has no such drive.
+        ValueError, IndexError: the robot has no such drive, or the effect needs other numbers.
     """
     drives = tuple(dynamics.robot.drives.index(drive) for drive in record.drives)
     effect = next(effect for effect in ALONG_MOTION if effect.name == record.name)
     deviation = (1.0,) * len(record.values)
     addition = effect(dynamics, drives, deviation, record.orders, record.fastest)
+    home, rest = dynamics.kinematics.home[None], np.zeros((1, dynamics.dof))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        entries, (_, places) = addition.of_motion(home, rest, rest), addition.pattern
+    if places.max() + 1 != len(record.values) or not np.all(np.isfinite(entries)):
+        raise ValueError("numbers do not fit")
     return FittedTorques(addition, record.values)
 
 

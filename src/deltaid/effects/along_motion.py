@@ -30,7 +30,8 @@ class AlongMotion(Addition):
 
     drives: tuple[int, ...]  # that they act on; empty for a force at the platform
     deviation: tuple[float, ...]  # prior standard deviation of each coefficient, drive by drive
-    orders: tuple[float, ...] = ()  # of ripples, n of each drive [1/rad or 1/m]
+    # of ripples, n of each drive [1/rad or 1/m]; see the effects that have others
+    orders: tuple[float, ...] = ()
     fastest: float = 0.0  # largest speed of the platform [m/s]
 
     is_corrected = True

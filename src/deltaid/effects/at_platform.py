@@ -2,7 +2,8 @@
 
     F = f − K x − d v/|v| − c v,    τ = Y p − J_xᵀ F,    J_x = ∂x/∂q
 
-with the platform's displacement x from home, its velocity v, and a symmetric stiffness K.
+with the platform's displacement x from home, its velocity v, and a symmetric stiffness K; and of a
+taut cable, which pulls to one point.
 """
 
 from abc import abstractmethod
@@ -51,14 +52,17 @@ class AtPlatform(AlongMotion):
         torques = sum(forces[:, None, i] * along[i] for i in range(3))
         return -np.reshape(torques, (-1, len(z)))
 
-    def pull(self, judged: Sequence[Parameter]) -> Correction:
-        """A correction by a force at home with these components."""
-        f = np.array([entry.value for entry in judged])
+    def pull(self, f: Float[np.ndarray, " 3"], judged: Sequence[Parameter]) -> Correction:
+        """A correction by a force at home."""
         way = ", ".join(f"{share:.2f}" for share in f / max(np.linalg.norm(f), 1e-300))
         text = (f"where the robot is at home, a force pulls at the platform along ({way}), as a "
                 "hose or cable does")  # fmt: skip
         pull = self.correction("platform", float(np.linalg.norm(f)), judged, "N", text)
         return pull.changed(kind="platform-force")
+
+
+def _values(judged: Sequence[Parameter]) -> Float[np.ndarray, " coefficients"]:
+    return np.array([entry.value for entry in judged])
 
 
 def constant(x: InWorld) -> Forces:
@@ -77,7 +81,7 @@ class ConstantForce(AtPlatform):
         return constant(x)
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        return (self.pull(judged),)
+        return (self.pull(_values(judged), judged),)
 
 
 class PlatformSpring(AtPlatform):
@@ -104,7 +108,7 @@ class IsotropicSpring(PlatformSpring):
         return np.concatenate([-x[None], constant(x)])
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        return (*super().to_corrections(judged[:1]), self.pull(judged[1:]))
+        return (*super().to_corrections(judged[:1]), self.pull(_values(judged[1:]), judged[1:]))
 
 
 class AnisotropicSpring(PlatformSpring):
@@ -120,6 +124,38 @@ class AnisotropicSpring(PlatformSpring):
         straight = [np.outer(x[:, i], np.eye(3)[i]) - along for i in (0, 1)]
         coupled = [x[:, [j]] * np.eye(3)[i] + x[:, [i]] * np.eye(3)[j] for i, j in across]
         return -np.stack([*straight, *coupled])
+
+
+class Cable(PlatformSpring):
+    """T, k, Δa: a taut cable from a fixed point a + Δa, relative to home; linear in Δa:
+
+        F = f u,    f = T + k (ℓ − ‖a‖),    u = (a − x)/ℓ,    ℓ = ‖a − x‖
+        ∂F/∂a = k u (u − a/‖a‖)ᵀ + f/ℓ (1 − u uᵀ)
+
+    `orders` are a, and the T and k of these slopes.
+    """
+
+    name = "cable"
+    symbols = ("T", "k", "ax", "ay", "az")
+    units = ("N", "N/m", "m", "m", "m")
+    text = "a taut cable pulls the platform to a fixed point"
+
+    def forces(self, x: InWorld, v: InWorld) -> Forces:
+        a, (T, k) = np.array(self.orders[:3]), self.orders[3:]
+        away, along = np.linalg.norm(a), a - x
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        u, longer = along / length, length - away
+        turned = (T + k * longer) / length
+        slopes = [
+            k * (u[:, [i]] - a[i] / away) * u + turned * (np.eye(3)[i] - u[:, [i]] * u)
+            for i in range(3)
+        ]
+        return np.stack([u, longer * u, *slopes])
+
+    def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
+        (spring,) = super().to_corrections(judged[1:2])
+        at_home = self.forces(np.zeros((1, 3)), np.zeros((1, 3)))[:, 0]
+        return spring, self.pull(_values(judged) @ at_home, judged[:1])
 
 
 class Drag(AtPlatform):
@@ -140,10 +176,12 @@ class Drag(AtPlatform):
 
 
 FORCES: tuple[type[AtPlatform], ...] = (ConstantForce, IsotropicSpring, AnisotropicSpring, Drag)
+# Forces that are close to a cable's.
+LIKE_CABLES = frozenset({ConstantForce.name, IsotropicSpring.name, AnisotropicSpring.name})
 
 
 def platform_forces(dynamics: Dynamics, fastest: float) -> tuple[AtPlatform, ...]:
-    """Each force with a prior of 1 in its units."""
+    """Each force with a prior of 1 in its units; a cable is searched for (`cable_search`)."""
     return tuple(
         force(dynamics, (), (1.0,) * len(force.symbols), fastest=fastest) for force in FORCES
     )

@@ -16,6 +16,8 @@ _LEAST, _MOST, _APART = 0.5, 160.0, 0.25
 # Number of orders whose filtered columns are computed near one order; all others are interpolated
 # to 1e-6, for phases differ by π/4 at most.
 _NODES = 7
+# Least share of a ripple's square that is no spring, zero or other effect.
+_ALIKE = 1e-2
 # Least share of a ripple that must pass the filter at a drive's usual speed.
 _PASSED = 0.1
 
@@ -34,7 +36,7 @@ def largest_ripples(
         if len(orders) < 2:
             continue
         pairs = [waves_of(point, i, orders) for point in points]
-        explained = fit.explained(_blocks(points, i), pairs)
+        explained, _ = fit.explained(_blocks(points, i), pairs, _ALIKE)
         best = int(np.argmax(explained))
         if surprise(float(explained[best]), 2) - np.log10(len(orders)) > least:
             ripples.append((i, nearest_order(points, fit, i, float(orders[best]), orders)))
@@ -52,7 +54,8 @@ def nearest_order(
     step = orders[1] - orders[0]
     near = np.linspace(max(order - step, orders[0]), order + step, num=41)
     pairs = [waves_near(point, i, near) for point in points]
-    return float(near[np.argmax(fit.explained(_blocks(points, i), pairs))])
+    explained, _ = fit.explained(_blocks(points, i), pairs, _ALIKE)
+    return float(near[np.argmax(explained)])
 
 
 def waves_near(point: TracePoint, i: int, near: Orders) -> Float[np.ndarray, "samples orders 2"]:

@@ -31,8 +31,6 @@ OfGroup = Float[np.ndarray, "_ _"]
 _LOW, _HIGH = 1e-2, 3.0
 # ε, which keeps the scale of a group without effect above zero.
 _PULL = 1e-2
-# Least share of a tried column's square that counts as independent of all others.
-_ALIKE = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,14 +265,15 @@ class Shrunk:
         return Shrunk(rows, tuple(groups), alpha, free, held)._settled()
 
     def explained(
-        self, numbers: Sequence[int], sets: Sequence[Float[np.ndarray, "_ sets k"]]
-    ) -> Float[np.ndarray, " sets"]:
+        self, numbers: Sequence[int], sets: Sequence[Float[np.ndarray, "_ sets k"]], alike: float
+    ) -> tuple[Float[np.ndarray, " sets"], Float[np.ndarray, "sets k"]]:
         """Sum of squares that each set of k additional columns alone would explain of some blocks,
-        in units of these blocks' mean squared residuals.
+        in units of these blocks' mean squared residuals; and its coefficients.
 
         Args:
             numbers: of the blocks.
             sets: columns of all sets, for each block.
+            alike: least share of a column's square that counts as independent of all others.
         """
         width, size = sets[0].shape[1:]
         own, along = np.zeros((width, size, size)), np.zeros((width, size))
@@ -287,10 +286,10 @@ class Shrunk:
             mixed += block.A.T @ scaled.reshape(len(e), -1) / sigma
             unit.append(max(float(np.mean(e**2)), np.finfo(float).tiny))
         others = (self._root @ mixed).reshape(-1, width, size)
-        alone = np.maximum(_ALIKE * np.einsum("wii->wi", own), np.finfo(float).tiny)
+        alone = np.maximum(alike * np.einsum("wii->wi", own), np.finfo(float).tiny)
         left = own - np.einsum("nwi,nwj->wij", others, others) + alone[:, :, None] * np.eye(size)
         best = np.linalg.solve(left, along[:, :, None])[:, :, 0]
-        return np.einsum("wi,wi->w", along, best) / float(np.mean(unit))
+        return np.einsum("wi,wi->w", along, best) / float(np.mean(unit)), best
 
     @cached_property
     def evidence(self) -> float:

@@ -15,6 +15,8 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.account import DETECTED
 from deltaid.effects.at_drives import RippleColumns
+from deltaid.effects.at_platform import LIKE_CABLES, AnisotropicSpring, Cable
+from deltaid.effects.cable_search import largest_cable
 from deltaid.effects.point import Added, Deviations, TracePoint, UnknownEffect
 from deltaid.effects.ripple_search import (
     OrdersOfDrives,
@@ -71,6 +73,17 @@ class Contest:
         """Logarithm of the noise level, as a mean over the rows of all drives."""
         rows = [len(block.b) for block in self.shrunk.blocks]
         return float(np.average(np.log(self.shrunk.sigma), weights=rows))
+
+    def with_cable(self, kept: Collection[str]) -> "Contest":
+        """With the cable that explains most beside the effects `kept` by the sweep before, if a
+        spring at the platform may be stiffer in some directions, as any cable is."""
+        springs = [group for group in self.shrunk.groups if group.name == AnisotropicSpring.name]
+        may_act = any(self.shrunk.surprise(spring) > DETECTED for spring in springs)
+        if not (may_act or Cable.name in kept):
+            return self
+        others = [name for name in kept if name not in {Cable.name, *LIKE_CABLES}]
+        cable = largest_cable(self.points, self.shrunk.of_candidates(others))
+        return self._with([cable]) if cable else self
 
     def with_ripples(self) -> "Contest":
         """With ripples: the largest of each drive is added until none exceeds chance; all orders
@@ -269,34 +282,44 @@ def reduced(full: Shrunk, least: float) -> Shrunk:
 
 
 def _enlarged(full: Shrunk, now: Shrunk, least: float) -> Iterator[Shrunk]:
-    """More probable fits with one more candidate than `now`, without those that it makes
-    needless."""
+    """More probable fits with one more candidate than `now`, in place of those without which, one
+    after the other, the rows stay more probable than with `now`."""
     for name, trial in suspects(full, now).items():
-        beside = _eliminated(trial, least, by_size=True, spared=name)
-        needed = _eliminated(beside, least, by_size=True).candidates
-        if set(needed) != set(now.candidates):
-            after = full.of_candidates(needed)
-            if after.evidence > now.evidence:
+        beside: Shrunk | None = trial
+        while beside and (beside is trial or beside.evidence > now.evidence):
+            needed = _eliminated(beside, least, by_size=True)
+            after = full.of_candidates(needed.candidates)
+            if set(needed.candidates) != set(now.candidates) and after.evidence > now.evidence:
                 yield after
+            beside = _without_cheapest(beside, np.inf, by_size=True, spared=name)
 
 
-def _eliminated(now: Shrunk, least: float, *, by_size: bool, spared: str = "") -> Shrunk:
-    """Drop the least surprising candidate until all but the `spared` one exceed `least`. Those that
-    errors of positions may be count as not surprising, and with `by_size` those smaller than the
-    unexplained torque."""
-    while others := [group for group in now.droppable if group.name != spared]:
-        unexplained = [now.size(group) for group in now.groups if is_unexplained(group.name)]
-        least_named = max(POSITION_ERROR, by_size * float(np.linalg.norm(unexplained)))
-        prices = dict[str, float]()
-        for group in others:
-            least_size = POSITION_ERROR if is_unexplained(group.name) else least_named
-            is_so = now.size(group) > least_size and group.allows(now.x, now.covariance)
-            prices[group.name] = now.surprise(group) if is_so else 0.0
-        cheapest = min(prices, key=lambda name: prices[name])
-        if prices[cheapest] >= least:
-            break
-        now = now.of_candidates([name for name in now.candidates if name != cheapest])
+def _eliminated(now: Shrunk, least: float, *, by_size: bool) -> Shrunk:
+    """Drop the least surprising candidate until all exceed `least`."""
+    while fewer := _without_cheapest(now, least, by_size=by_size):
+        now = fewer
     return now
+
+
+def _without_cheapest(
+    now: Shrunk, least: float, *, by_size: bool, spared: str = ""
+) -> Shrunk | None:
+    """Drop the least surprising candidate but the `spared` one; None if it exceeds `least`. Those
+    that errors of positions may be count as not surprising, and with `by_size` those smaller than
+    the unexplained torque."""
+    unexplained = [now.size(group) for group in now.groups if is_unexplained(group.name)]
+    least_named = max(POSITION_ERROR, by_size * float(np.linalg.norm(unexplained)))
+    prices = dict[str, float]()
+    for group in now.droppable:
+        if group.name == spared:
+            continue
+        least_size = POSITION_ERROR if is_unexplained(group.name) else least_named
+        is_so = now.size(group) > least_size and group.allows(now.x, now.covariance)
+        prices[group.name] = now.surprise(group) if is_so else 0.0
+    cheapest = min(prices, key=prices.__getitem__, default="")
+    if prices.get(cheapest, least) >= least:
+        return None
+    return now.of_candidates([name for name in now.candidates if name != cheapest])
 
 
 def rivals(

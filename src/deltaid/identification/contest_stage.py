@@ -284,7 +284,7 @@ def _swept(
     points = points_of(traces, start(rows, traces) if p is None else p)
     unknowns = [u for u in unknowns_at(points[0]) if u.name not in now.barred_effects]
     unknowns = _allowed((*unknowns, *more), before, sweep)
-    return contest(rows, points, unknowns, before.read).with_ripples()
+    return contest(rows, points, unknowns, before.read).with_cable(before.kept).with_ripples()
 
 
 def _begun(bare: Setup) -> ContestOutcome:

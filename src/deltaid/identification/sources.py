@@ -119,7 +119,7 @@ def model_filtered(
 def _fitted(model: Model, effect: FittedEffect) -> FittedTorques:
     try:
         return as_fitted(model.dynamics, effect)
-    except (StopIteration, ValueError):
+    except (StopIteration, ValueError, IndexError):
         raise DescriptionError(
             f"has the effect '{quoted(effect.name)}' of {listed(effect.drives) or 'the platform'}, "
             "which this deltaid does not know",

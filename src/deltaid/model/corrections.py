@@ -199,7 +199,8 @@ class FittedEffect(Part):
         name: of the effect, such as 'platform-force'.
         values: of its coefficients.
         drives: that it acts on; empty if it acts on the platform.
-        orders: of ripples, or reciprocals of strokes, one for each drive [1/rad or 1/m].
+        orders: of ripples, or reciprocals of strokes, one for each drive [1/rad or 1/m]; of a cable
+            its fixed point, tension and stiffness about which it is linear [m, N, N/m].
         fastest: speed of the platform used to smooth a drag [m/s].
     """
 

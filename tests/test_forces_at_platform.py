@@ -1,0 +1,154 @@
+"""Forces at the platform that a description lacks: springs, cables, hoses."""
+
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.effects import cable_search
+from deltaid.effects.at_platform import Cable, platform_forces
+from deltaid.effects.cable_search import largest_cable
+from deltaid.model.parameter_record import Parameter
+from deltaid.robot.load import described
+from drives import case
+from drives.identify import identified
+from drives.judge import judge
+
+KINDS = ("clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "par4")
+
+
+def parameters(*values: float) -> list[Parameter]:
+    """Parameters of these values, known to ± 1."""
+    return [
+        Parameter(
+            name="k",
+            value=value,
+            std=0.5,
+            low=value - 1,
+            high=value + 1,
+            unit="",
+            prior=0.0,
+            determined_by="data",
+        )
+        for value in values
+    ]
+
+
+def potentials(x: np.ndarray) -> np.ndarray:
+    """V of each column of a force without drag, F = −∂V/∂x."""
+    squares = 0.5 * x**2
+    springs = [squares.sum(axis=1), *-x.T, *(squares[:, :2] - squares[:, 2:]).T]
+    coupled = [x[:, 0] * x[:, 1], x[:, 0] * x[:, 2], x[:, 1] * x[:, 2]]
+    return np.array([*-x.T, *springs, *coupled])
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_forces_do_the_work_that_drives_have_to_do(name: str) -> None:
+    """τ·dq = dV along any small step, and −F·dx for drag, with positions by inverse kinematics
+    alone."""
+    dynamics, rng = compiled(described(name)), np.random.default_rng(1)
+    kinematics = dynamics.kinematics
+    z = kinematics.home + 0.02 * rng.standard_normal((6, dynamics.dof))
+    qd, step = rng.standard_normal((6, dynamics.dof)), 1e-6
+    moves = rng.standard_normal((6, dynamics.dof))
+    dq = (kinematics.inverse(z + step * moves) - kinematics.inverse(z - step * moves)) / (2 * step)
+    x, dx = z[:, :3] - kinematics.home[:3], moves[:, :3]
+    dV = (potentials(x + step * dx) - potentials(x - step * dx)) / (2 * step)
+    v = np.linalg.solve(kinematics.jacobian(z), qd[:, :, None])[:, :3, 0]
+    against = np.sum(v * dx, axis=1)
+    expected = np.array([*dV, against / np.linalg.norm(v, axis=1), against])
+    forces = platform_forces(dynamics, 1e-3)
+    torques = [force.of_motion(z, qd, qd).reshape(-1, dynamics.dof, 6) for force in forces]
+    work = np.sum(np.concatenate(torques) * dq.T, axis=1)
+    assert work == pytest.approx(expected, rel=1e-5, abs=1e-7)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_columns_of_a_cable_are_slopes_of_its_energy(name: str) -> None:
+    """τ·dq = dV, V = T (ℓ − ‖a‖) + ½ k (ℓ − ‖a‖)², by T, k and a."""
+    dynamics, rng = compiled(described(name)), np.random.default_rng(2)
+    kinematics = dynamics.kinematics
+    z = kinematics.home + 0.02 * rng.standard_normal((6, dynamics.dof))
+    moves, step = rng.standard_normal((6, dynamics.dof)), 1e-6
+    dq = (kinematics.inverse(z + step * moves) - kinematics.inverse(z - step * moves)) / (2 * step)
+    x, dx = z[:, :3] - kinematics.home[:3], step * moves[:, :3]
+
+    def energy_gained(T: float, k: float, a: np.ndarray) -> np.ndarray:
+        longer = np.linalg.norm(a - np.stack([x + dx, x - dx]), axis=2) - np.linalg.norm(a)
+        V = T * longer + 0.5 * k * longer**2
+        return (V[0] - V[1]) / (2 * step)
+
+    a, T, k, near = np.array([0.3, -0.5, 0.4]), 3.0, 40.0, 1e-4 * np.eye(3)
+    cable = Cable(dynamics, (), (1.0,) * 5, (*a.tolist(), T, k))
+    torques = cable.of_motion(z, z, z).reshape(-1, dynamics.dof, 6)
+    of_anchor = [(energy_gained(T, k, a + e) - energy_gained(T, k, a - e)) / 2e-4 for e in near]
+    expected = np.array([energy_gained(1.0, 0.0, a), energy_gained(0.0, 1.0, a), *of_anchor])
+    assert np.sum(torques * dq.T, axis=1) == pytest.approx(expected, rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize(("pull", "is_cable"), [(3.0, True), (1e-4, False), (-1.0, False)])
+def test_a_cable_that_does_not_pull_is_none(
+    pull: float, is_cable: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dynamics = compiled(described("clavel-delta3"))
+    home, true = dynamics.kinematics.home, np.array([0.7, -0.4, 0.5])
+    corners = np.array([[i, j, k] for i in (-0.2, 0.2) for j in (-0.2, 0.2) for k in (-0.1, 0.1)])
+    point = Mock(dynamics=dynamics)
+    point.motion.z = home + corners
+
+    def explained(
+        points: object, fit: object, anchors: list[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        away = np.linalg.norm(np.array(anchors) - true, axis=1)
+        return 1e3 / (0.1 + away), np.tile([pull, 20.0], (len(away), 1))
+
+    monkeypatch.setattr(cable_search, "_explained", explained)
+    cable = largest_cable([point], Mock())
+    assert bool(cable) == is_cable
+    if cable:
+        assert isinstance(cable.addition, Cable)
+        assert cable.addition.orders[:3] == pytest.approx(true, abs=0.05)
+        assert cable.addition.orders[3:] == (pull, 20.0)
+
+
+def test_a_cable_is_corrected_as_its_stiffness_and_its_pull_at_home() -> None:
+    dynamics = compiled(described("clavel-delta3"))
+    cable = Cable(dynamics, (), (1.0,) * 5, (0.0, 0.6, 0.8, 5.0, 30.0))
+    spring, pull = cable.to_corrections(parameters(5.0, 30.0, 0.1, 0.0, 0.0))
+    assert (spring.kind, spring.value, spring.low) == ("platform-spring", 30.0, 29.0)
+    assert (pull.kind, pull.unit) == ("platform-force", "N")
+    # the anchor is 0.1 m to the side, so that the pull turns by 0.1 rad
+    assert pull.value == pytest.approx(5.0 * np.hypot(1.0, 0.1))
+    assert "along (0.10, 0.60, 0.80)" in pull.text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("row", "kinds"),
+    [
+        ("force", {"platform-force"}),
+        ("balancer", {"drive-spring"}),
+        ("cable", {"platform-spring", "platform-force"}),
+    ],
+)
+def test_what_pulls_is_no_fault_of_drives_or_geometry(row: str, kinds: set[str]) -> None:
+    """Zeros and gains mimic a force that springs make needless at first, springs at the platform
+    those at the drives, and lengths, ripples and friction laws a cable."""
+    made = case(row, "delta3", 1)
+    judged = judge(made, identified(made))
+    assert set(dict(judged.said)) == kinds
+    assert judged.M < 0.005
+    assert judged.friction_shape < 0.005
+
+
+def test_springs_at_the_platform_are_corrections_by_their_largest_stiffness() -> None:
+    dynamics = compiled(described("clavel-delta3"))
+    _, isotropic, anisotropic, _ = platform_forces(dynamics, 1.0)
+    judged = parameters(2.0, -7.0, 3.0, 4.0, 0.0)
+    (uneven,) = anisotropic.to_corrections(judged)
+    assert (uneven.value, uneven.low, uneven.unit) == (-7.0, -8.0, "N/m")
+    spring, pull = isotropic.to_corrections(judged[1:])
+    assert (spring.kind, spring.value, spring.unit) == ("platform-spring", -7.0, "N/m")
+    assert (pull.kind, pull.value, pull.unit) == ("platform-force", 5.0, "N")
+    assert "along (0.60, 0.80, 0.00)" in pull.text
