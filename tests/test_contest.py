@@ -84,18 +84,19 @@ def test_a_hose_is_found_and_goes_with_the_model(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("row", "kind", "size"),
+    ("cause", "machine", "size"),
     [
-        ("gear-ratio", "gear-ratio", 1.0),
-        ("tilt", "tilt", np.deg2rad(2.0)),
-        ("ripple", "ripple", None),
+        ("gear-ratio", "delta3", 1.0),
+        ("tilt", "delta3", np.deg2rad(2.0)),
+        ("tilt", "delta4", np.deg2rad(2.0)),  # springs mimic it, each surprising beside it
+        ("ripple", "delta3", None),
     ],
 )
-def test_a_cause_is_corrected_and_no_other(row: str, kind: str, size: float | None) -> None:
-    made = case(row, "delta3", 0)
+def test_a_cause_is_corrected_and_no_other(cause: str, machine: str, size: float | None) -> None:
+    made = case(cause, machine, 0)
     result = identified(made)
     corrections = result.model.corrections
-    assert {correction.kind for correction in corrections} == {kind}
+    assert {correction.kind for correction in corrections} == {cause}
     assert judge(made, result).M < 3e-3
     if size is not None:
         largest = max(corrections, key=lambda correction: abs(correction.value or 0.0))

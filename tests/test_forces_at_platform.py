@@ -9,6 +9,8 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.effects import cable_search
 from deltaid.effects.at_platform import Cable, platform_forces
 from deltaid.effects.cable_search import largest_cable
+from deltaid.effects.point import TracePoint
+from deltaid.estimation.shrinkage import Shrunk
 from deltaid.model.parameter_record import Parameter
 from deltaid.robot.load import described
 from drives import case
@@ -93,9 +95,8 @@ def test_a_cable_that_does_not_pull_is_none(
 ) -> None:
     dynamics = compiled(described("clavel-delta3"))
     home, true = dynamics.kinematics.home, np.array([0.7, -0.4, 0.5])
-    corners = np.array([[i, j, k] for i in (-0.2, 0.2) for j in (-0.2, 0.2) for k in (-0.1, 0.1)])
-    point = Mock(dynamics=dynamics)
-    point.motion.z = home + corners
+    corners = np.array([[i, j, k] for i in (-0.2, 0.2) for j in (-0.2, 0.2) for k in (-0.4, 0.0)])
+    point = Mock(spec=TracePoint, dynamics=dynamics, motion=Mock(z=home + corners))
 
     def explained(
         points: object, fit: object, anchors: list[np.ndarray]
@@ -104,7 +105,7 @@ def test_a_cable_that_does_not_pull_is_none(
         return 1e3 / (0.1 + away), np.tile([pull, 20.0], (len(away), 1))
 
     monkeypatch.setattr(cable_search, "_explained", explained)
-    cable = largest_cable([point], Mock())
+    cable = largest_cable([point], Mock(spec=Shrunk))
     assert bool(cable) == is_cable
     if cable:
         assert isinstance(cable.addition, Cable)
