@@ -9,8 +9,9 @@ import pytest
 from deltaid.estimation.causes import CauseColumns, NoiseBlock
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.shrinkage import Shrunk
-from deltaid.identification import contest as contest_module
-from deltaid.identification.contest import Contest, _eliminated, reduced, rivals, suspects
+from deltaid.identification import selection
+from deltaid.identification.contest import Contest
+from deltaid.identification.selection import _eliminated, reduced, rivals, suspects
 
 LEAST = 6.0
 
@@ -210,8 +211,8 @@ def test_a_cause_that_makes_rows_less_probable_is_not_added(
         for names, evidence in (((), 0.0), (("cause",), -1.0))
     )
     bare.of_candidates.side_effect = {(): bare, ("cause",): larger}.__getitem__
-    monkeypatch.setattr(contest_module, "suspects", lambda full, now: {"cause": larger})
-    monkeypatch.setattr(contest_module, "rivals", lambda *given: {})
+    monkeypatch.setattr(selection, "suspects", lambda full, now: {"cause": larger})
+    monkeypatch.setattr(selection, "rivals", lambda *given: {})
     assert reduced(bare, LEAST) is bare
 
 

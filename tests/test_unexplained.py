@@ -24,9 +24,10 @@ from deltaid.estimation.information import entries_at
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.estimation.traces import Trace
 from deltaid.identification import contest_stage
-from deltaid.identification.contest import Contest, reduced
+from deltaid.identification.contest import Contest
 from deltaid.identification.contest_applied import with_effects, without_contest
 from deltaid.identification.contest_outcome import doubted, overtaken, refuted
+from deltaid.identification.selection import reduced
 from deltaid.identification.setup import ContestOutcome, Setup
 from deltaid.model.settings import Settings
 from deltaid.recording.recording import PreparedRecording
