@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
+from deltaid.dynamics.geometry import across
 from deltaid.effects.at_platform import Cable
 from deltaid.effects.point import Added, TracePoint
 from deltaid.estimation.shrinkage import Shrunk
@@ -15,8 +17,11 @@ from deltaid.levels import FAINT
 # Distances that are searched, in radii of the motion; a cable from farther away pulls as a force
 # and a spring along it do.
 _DISTANCES = (1.5, 3.0, 6.0, 12.0)
-# Share of the inverse distance to which the point is found; the fit corrects it.
-_NEAR = 0.01
+# Directions from which the search starts, for there are several maxima.
+_STARTS = 3
+# First step of the search, in radians and as a share of the inverse distance; share of the inverse
+# distance to which the point is found; the fit corrects it.
+_FIRST, _NEAR = 0.3, 0.01
 
 Place = Float[np.ndarray, " 3"]
 
@@ -28,38 +33,59 @@ def largest_cable(points: Sequence[TracePoint], fit: Shrunk) -> Added | None:
     x = np.concatenate([task.point(point.motion.z) for point in points]) - task.point(home)
     middle = 0.5 * (x.min(axis=0) + x.max(axis=0))
     radius = float(np.linalg.norm(x - middle, axis=1).max())
-
-    def anchor(w: Place) -> Place:
-        """The point in the direction of w, at the inverse distance |w| in radii."""
-        return middle + radius * w / max(float(w @ w), np.finfo(float).tiny)
-
-    def cost(w: Place) -> float:
-        if w @ w > 1:  # inside the motion
-            return 0.0
-        return -_explained(points, fit, [anchor(w)])[0][0]
-
     ways = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    starts = np.concatenate([ways / distance for distance in _DISTANCES])
-    gains, _ = _explained(points, fit, [anchor(w) for w in starts])
-    w = starts[np.argmax(gains)]
-    simplex = w + np.linalg.norm(w) * np.vstack([np.zeros(3), 0.3 * np.eye(3)])
-    options = {"initial_simplex": simplex, "xatol": _NEAR * np.linalg.norm(w), "fatol": np.inf}
-    place = anchor(minimize(cost, w, method="Nelder-Mead", options=options).x)
-    _, ((T, k),) = _explained(points, fit, [place])
+    away = radius * ways[:, None] * np.array(_DISTANCES)[:, None]
+    gains = _explained(points, fit, middle + away.reshape(-1, 3))[0].reshape(away.shape[:2])
+    best = np.argsort(-gains.max(axis=1))[:_STARTS]
+    ends = [
+        _refined(points, fit, middle, radius, ways[i], 1.0 / _DISTANCES[np.argmax(gains[i])])
+        for i in best
+    ]
+    place, _, (T, k) = max(ends, key=lambda end: end.gain)
     return _cable(points[0], place, T, k) if T > _NEAR * radius * k > 0 else None
 
 
+class _End(NamedTuple):
+    place: Place
+    gain: float  # sum of squares that a cable from there explains
+    coefficients: Float[np.ndarray, " 2"]  # its T and k
+
+
+def _refined(
+    points: Sequence[TracePoint], fit: Shrunk, middle: Place, radius: float, way: Place, near: float
+) -> _End:
+    """The point with the largest gain near one in a direction, at the inverse distance `near` in
+    radii."""
+    first, second = across(way)
+
+    def end(a: float, b: float, inverse: float) -> _End:
+        """At a point in the direction way + a e_1 + b e_2. One far away pulls as one that pushes
+        from the opposite direction, so the search passes an inverse distance of 0."""
+        turned = way + a * first + b * second
+        distance = np.copysign(1.0 / max(abs(inverse), FAINT), inverse)
+        place = middle + radius * distance * turned / np.linalg.norm(turned)
+        gains, coefficients = _explained(points, fit, place[None])
+        return _End(place, float(gains[0]), coefficients[0])
+
+    def cost(v: Place) -> float:
+        return -end(*v.tolist()).gain if abs(v[2]) < 1 else 0.0  # 0 inside the motion
+
+    start = np.array([0.0, 0.0, near])
+    simplex = start + _FIRST * np.vstack([np.zeros(3), np.diag([1.0, 1.0, near])])
+    options = {"initial_simplex": simplex, "xatol": _NEAR * near, "fatol": np.inf}
+    return end(*minimize(cost, start, method="Nelder-Mead", options=options).x.tolist())
+
+
 def _explained(
-    points: Sequence[TracePoint], fit: Shrunk, anchors: Sequence[Place]
+    points: Sequence[TracePoint], fit: Shrunk, anchors: Float[np.ndarray, "anchors 3"]
 ) -> tuple[Float[np.ndarray, " anchors"], Float[np.ndarray, "anchors 2"]]:
-    """Sum of squares that a cable from each point explains, 0 if it would push; its T and k."""
+    """Sum of squares that a cable from each point explains; its T and k."""
     sets = list[Float[np.ndarray, "samples anchors 2"]]()
     for point in points:
         columns = [_cable(point, a).columns(point)[:, :, :2] for a in anchors]
         sets += list(np.stack(columns, axis=2))
-    gains, coefficients = fit.explained(range(len(sets)), sets, FAINT)
-    return np.where(coefficients.min(axis=1) > 0, gains, 0.0), coefficients
+    return fit.explained(range(len(sets)), sets, FAINT)
 
 
 def _cable(point: TracePoint, anchor: Place, T: float = 0.0, k: float = 0.0) -> Added:
