@@ -27,6 +27,21 @@ from deltaid.recording.formats.csv_lines import (
 from deltaid.recording.source import POLARS_ERRORS, LogTable, Rows
 
 _FORTRAN = re.compile(r"[+-]?[\d.]+[dD][+-]?\d+")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+\.\d*")
+# What is wrong with a text that is no number, and its cure, in this order.
+_CURES = (
+    (_THOUSANDS, "write numbers without a thousands sign"),
+    (
+        re.compile(r"[\d.,eE+-]+"),
+        "write all numbers in one way, with point or comma, and no thousands sign",
+    ),
+    (
+        re.compile(r"(?s)\d+[:/.-]\d+[:/.-]\d.*"),
+        "write times in seconds, or as 2026-01-31T14:30:00.000, with or without the date",
+    ),
+    (_FORTRAN, "write exponents with E, as in 1.5E+00"),
+    (re.compile(r"(?s).*−.*"), "write the minus sign as on the keyboard (-)"),
+)
 
 
 @dataclass(frozen=True)
@@ -89,19 +104,10 @@ class CsvTable(LogTable):
         return f"row {row + bisect_right(self.comments, row)}"
 
     def cure(self, written: str) -> str:
-        if re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d*", written):
-            return "write numbers without a thousands sign"
-        if "," in written and self.data.separator == ",":
+        if "," in written and self.data.separator == "," and not _THOUSANDS.fullmatch(written):
             return "decimal commas need semicolons or tabs between the columns"
-        if re.fullmatch(r"[\d.,eE+-]+", written):
-            return "write all numbers in one way, with point or comma, and no thousands sign"
-        if re.match(r"\d+[:/.-]\d+[:/.-]\d", written):
-            return "write times in seconds, or as 2026-01-31T14:30:00.000, with or without the date"
-        if _FORTRAN.fullmatch(written):
-            return "write exponents with E, as in 1.5E+00"
-        if "−" in written:
-            return "write the minus sign as on the keyboard (-)"
-        return super().cure(written)
+        cures = (cure for pattern, cure in _CURES if pattern.fullmatch(written))
+        return next(cures, super().cure(written))
 
 
 def _is_figure(written: str | None) -> bool:
