@@ -128,9 +128,7 @@ def read_manifest(name: str) -> Manifest:
         raise DescriptionError("no such file", where=name, cure=cure)
     ending = f".{name.rpartition('.')[2].lower()}"
     if ending in _TABLES:
-        manifest = _of_table(data, ending, name)
-        _require_apart(dict.fromkeys(robot.robot for robot in manifest.robots), name)
-        return manifest
+        return _of_table(data, ending, name)
     try:
         manifest = parse(data.decode("utf-8-sig"), Manifest, where=name)
     except UnicodeDecodeError:
@@ -200,6 +198,7 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
         robots.append(FleetRobot.from_dict(named, place).changed(recordings=(file,)))
     if not robots:
         raise DescriptionError("has no rows", where=where, cure="give a row a recording")
+    _require_apart(dict.fromkeys(robot.robot for robot in robots), where)
     return Manifest(robots=tuple(robots))
 
 
