@@ -78,7 +78,6 @@ class SpeedColumns(Addition):
 
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
         """sign(v) s_k(|v|) ∂v/∂q̇, then 1 and |v|."""
-        del w, recording
         C, v = own[self.joint.coulomb], self.joint.speed(own)
         columns = [C * s for s in splines(v, self.top)]
         if self.joint.drive is not None:
@@ -112,7 +111,6 @@ class CarriedColumns(Addition):
         return drives, drives
 
     def entries(self, w: SampleBlock, own: Own, recording: PreparedRecording) -> Values:
-        del own, recording
         x = self.dynamics.carried(w.z, w.qd, w.qdd, self.p) + w.carried
         return of_load(w.qd, np.sign(w.qd), x).T
 

@@ -232,7 +232,6 @@ def open_workers(
                 later."""
 
                 def setup(self, worker: Any) -> None:
-                    del worker
                     with TemporaryDirectory(prefix="deltaid-") as folder:
                         copy = Path(folder) / "mechanism.py"
                         copy.write_bytes(code)
@@ -242,8 +241,9 @@ def open_workers(
         if folder is not None:
             require_shared(connected, folder)
         executor = connected.get_executor(pure=False)  # which ends with the client
-        gone = (CancelledError, OSError)
-        yield Workers(lambda: nullcontext(executor), _AT_ONCE, stack, gone)
+        yield Workers(
+            lambda: nullcontext(executor), _AT_ONCE, stack, gone=(CancelledError, OSError)
+        )
 
 
 def require_shared(client: "Client", folder: Path) -> None:
