@@ -146,7 +146,7 @@ def fits(folder: Path, count: int) -> float:
         files = [read(paths[k % len(paths)]) for k in range(count)]
         own = []
         for k, file in enumerate(files):  # each as if it were of another recording
-            source = file.record.model.sources[0].changed(sha256=f"{k:064x}")
+            source = file.record.model.sources[0].changed(sha256=f"{k:064x}", rows="")
             model = file.record.model.changed(sources=(source,))
             own.append(replace(file, record=file.record.changed(model=model)))
         identify_gathered(ROBOT, own, Settings(cutoff=CUTOFF))

@@ -59,7 +59,7 @@ def gathered(folder: Path) -> list[FactorFile]:
 def of_day(day: int, files: list[FactorFile], folder: Path) -> GatherResult:
     """One of the recordings as if it were made on this day."""
     file, sha256 = files[day % len(files)], f"{day * 7919:064x}"
-    source = file.record.model.sources[0].changed(sha256=sha256, log=f"{day}.parquet")
+    source = file.record.model.sources[0].changed(sha256=sha256, rows="", log=f"{day}.parquet")
     model = file.record.model.changed(sources=(source,))
     name = f"factors/r/{day:03d}{factor_file.ENDING}"
     path = folder / name

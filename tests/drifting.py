@@ -70,7 +70,7 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
 
     # Not validated: that of a year takes longer than all the rest.
     record, known = file.record, file.record.model
-    source = known.sources[0].changed(log=name, sha256=f"{name}-sum")
+    source = known.sources[0].changed(log=name, sha256=f"{name}-sum", rows="")
     fields: dict[str, Any] = dict(known) | {"sources": (source,)}
     own: dict[str, Any] = dict(record) | {"model": type(known).model_construct(**fields)}
     geometry = None if file.geometry is None else moved(file.geometry)

@@ -11,7 +11,7 @@ import deltaid
 from deltaid.recording.memory import Recording, as_source, as_sources
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
-from deltaid.recording.row_sample import NO_ROWS, sampled, shared_rows
+from deltaid.recording.row_sample import NO_ROWS, from_text, in_text, sampled, shared_rows
 from logs import arrays, names, recorded, refusal
 
 NAME = "clavel-delta3"
@@ -153,6 +153,11 @@ def test_a_sample_shows_shared_rows_of_recordings_of_any_length() -> None:
     assert shared_rows(sample_of(rows[9000:9400]), long) == 1.0
     assert shared_rows(long, sample_of(rows[40_000:])) == 0.0
     assert shared_rows(NO_ROWS, long) == 0.0
+    kept = from_text(in_text(long))
+    assert 0 < len(kept) < len(long)
+    assert shared_rows(kept, sample_of(rows[20_000:])) == pytest.approx(2 / 3, abs=0.3)
+    assert shared_rows(kept, sample_of(rows[40_000:])) == 0.0
+    assert from_text(in_text(sample_of(rows[:3]))).tolist() == sample_of(rows[:3]).tolist()
 
 
 SHAPES = {

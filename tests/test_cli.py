@@ -145,7 +145,10 @@ def test_verifying_on_what_a_model_was_identified_from_is_reported(
         assert f"{copy}: the model was identified from this recording (log.csv)" in told
     assert "so it verifies nothing" in page.read_text()
     table = pl.read_csv(folder / "log.csv").head(1400)
-    table.write_csv(tmp_path / "other.csv")
+    table.write_csv(tmp_path / "part.csv")
+    part = " ".join(run("validate", folder / "model.yaml", tmp_path / "part.csv").err.split())
+    assert "from rows of this recording (log.csv), so it verifies nothing" in part
+    table.with_columns(tau1=pl.col("tau1") * 1.001).write_csv(tmp_path / "other.csv")
     assert (
         "verifies nothing" not in run("validate", folder / "model.yaml", tmp_path / "other.csv").err
     )

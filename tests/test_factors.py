@@ -1,6 +1,7 @@
 """Factors of recordings in the place of recordings: columns, files, merging, fits."""
 
 import json
+from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
 from unittest.mock import Mock
@@ -167,6 +168,10 @@ def test_what_cannot_be_merged_is_named(files, logs: list[Path]) -> None:
         identify_gathered(longer, files)
     with pytest.raises(RecordingError, match="the same recording as"):
         identify_gathered(ROBOT, [files[0], files[0]])
+    sources = (files[0].record.model.sources[0].changed(sha256="of an export with a comment"),)
+    again = files[0].record.changed(model=files[0].record.model.changed(sources=sources))
+    with pytest.raises(RecordingError, match="the same recording as"):
+        identify_gathered(ROBOT, [files[0], replace(files[0], record=again)])
     other = gathered(ROBOT, logs[1], settings=Settings(cutoff=22.0))
     with pytest.raises(RecordingError, match=r"filtered at 22 Hz, .* at 15 Hz"):
         identify_gathered(ROBOT, [files[0], other])

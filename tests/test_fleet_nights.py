@@ -48,7 +48,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[FactorFile]:
         for k, recording in enumerate(recordings):
             known = recording.file.record.model
             name = f"line3-{START + timedelta(days=3 * k + seed):%Y-%m-%d}.csv"
-            source = known.sources[0].changed(log=name, sha256=digest(name))
+            source = known.sources[0].changed(log=name, sha256=digest(name), rows="")
             model = type(known).model_construct(**dict(known) | {"sources": (source,)})
             record = type(recording.file.record).model_construct(
                 **dict(recording.file.record) | {"model": model}

@@ -35,8 +35,11 @@ from deltaid.fleets.factor_record import (
     triangles_of,
 )
 from deltaid.forked import require_threads
+from deltaid.identification.sources import repeated
+from deltaid.model.corrections import Source
 from deltaid.model.record import Settings
 from deltaid.recording.mapping import ColumnMapping
+from deltaid.recording.row_sample import numbers_in
 from deltaid.recording.source import POLARS_ERRORS
 from deltaid.robot.complaints import key_path
 from deltaid.robot.description import RobotDescription
@@ -244,16 +247,19 @@ def require_together(briefs: Sequence[RecordingBrief]) -> None:
     Raises:
         RecordingError: one differs in filter from the first, or repeats a recording.
     """
-    paths = dict[str, str]()
+    paths, known = dict[str, str](), dict[str, Source]()
     for brief in briefs:
-        if brief.sha256 in paths:
+        keys = (brief.sha256, *numbers_in(brief.source.rows))
+        alike = [known[key] for key in keys if key in known]
+        if source := repeated(alike, brief.sha256, brief.source.rows):
             raise RecordingError(
-                f"is of the same recording as {paths[brief.sha256]}; a copy adds "
+                f"is of the same recording as {paths[source.sha256]}; a copy adds "
                 "nothing, but would narrow every interval",
                 where=brief.path,
                 cure="give each recording once",
             )
         paths[brief.sha256] = brief.path
+        known |= dict.fromkeys(keys, brief.source)
     cutoffs = [brief.source.cutoff_hz for brief in briefs]
     words = ["no cut-off" if value is None else f"{value:.4g} Hz" for value in cutoffs]
     first = cutoffs[0]

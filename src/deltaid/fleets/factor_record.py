@@ -178,6 +178,10 @@ class FactorRecord(RecordingFacts):
     def sha256(self) -> str:
         return self.model.sources[0].sha256
 
+    @property
+    def rows(self) -> str:
+        return self.model.sources[0].rows
+
 
 class RecordingBrief(RecordingFacts):
     """Data of a recording in addition to its factors.

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from deltaid.errors import Doubt
 from deltaid.files import written_whole
 from deltaid.identification.loads import as_known
-from deltaid.identification.sources import model_filtered
+from deltaid.identification.sources import model_filtered, repeated
 from deltaid.identification.study import FAR
 from deltaid.identification.torque_error import TorqueError, predicted_torques, torque_error
 from deltaid.model.model import Model, ModelLike, load
@@ -127,7 +127,7 @@ def noted(
     model: IdentifiedModel, log: "Compared", error: TorqueError, name: str
 ) -> IdentifiedModel:
     """A model that keeps how well it predicts a recording, if it is not one of its own."""
-    if log.sha256 in {source.sha256 for source in model.sources}:
+    if repeated(model.sources, log.sha256, log.rows):
         return model
     errors = {"rms": tuple(error.rms.tolist()), "nrmse": tuple(error.nrmse.tolist())}
     verification = Verification(
@@ -144,23 +144,26 @@ class Compared(Protocol):
     def sha256(self) -> str: ...
 
     @property
+    def rows(self) -> str: ...
+
+    @property
     def warnings(self) -> tuple[str, ...]: ...
 
 
 def remarks(model: ModelLike, log: Compared, error: TorqueError) -> tuple[str, ...]:
     """Warnings about comparing a model with a recording, one sentence each."""
     identified = load(model).identified
-    sources = identified.sources if identified else ()
-    twice = [
-        Doubt(
-            f"the model was identified from this recording ({source.log}), so it verifies nothing",
-            cause="the file was given twice",
-            cure="take a recording of another motion",
-        )
-        for source in sources
-        if source.sha256 == log.sha256
-    ]
-    return (*log.warnings, *twice[:1], *misfit(model, error))
+    source = repeated(identified.sources if identified else (), log.sha256, log.rows)
+    if source is None:
+        return (*log.warnings, *misfit(model, error))
+    is_same = source.sha256 == log.sha256
+    what = f"this recording ({source.log})" if is_same else f"rows of this recording ({source.log})"
+    twice = Doubt(
+        f"the model was identified from {what}, so it verifies nothing",
+        cause="the file was given twice" if is_same else "one file is a copy or part of the other",
+        cure="take a recording of another motion",
+    )
+    return (*log.warnings, twice, *misfit(model, error))
 
 
 def misfit(model: ModelLike, error: TorqueError | Verification) -> tuple[str, ...]:

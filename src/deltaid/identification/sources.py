@@ -32,6 +32,7 @@ from deltaid.recording.repairs import (
     LeftSpan,
     Repairs,
 )
+from deltaid.recording.row_sample import REPEATED, from_text, in_text, shared_rows
 
 _WHY = {str(reason): why for reason, why in WHY.items()} | WHY_REPAIRED
 _WHY_REVERSAL = "a joint turns round, and its friction with it, between two samples"
@@ -54,6 +55,7 @@ def source(
         cutoff_hz=recording.cutoff,
         motion_cutoff_hz=recording.motion_cutoff,
         used_samples=used,
+        rows=in_text(log.sample),
         left_out=left_out(log, drives, error, repairs),
         events=events(repairs, drives),
         delay=repairs.lag,
@@ -61,6 +63,16 @@ def source(
         growth=repairs.growth and astuple(repairs.growth),
         drift=repairs.drift.coefficients if repairs.drift else (),
     )
+
+
+def repeated(sources: Sequence[Source], sha256: str, rows: str) -> Source | None:
+    """The source that a recording with this checksum and these numbers of rows is a copy or an
+    excerpt of, or the other way round; None if it has other rows."""
+    for source in sources:
+        share = shared_rows(from_text(source.rows), from_text(rows))
+        if source.sha256 == sha256 or share >= REPEATED:
+            return source
+    return None
 
 
 def model_filtered(

@@ -11,6 +11,7 @@ from deltaid.robot.part import Part
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Delay = Annotated[float, Field(ge=-1, le=1)]
+RowNumbers = Annotated[str, Field(pattern=r"^([0-9a-f]{16})*$")]
 
 
 class TimeSpan(Part):
@@ -66,6 +67,11 @@ class Source(Part):
         default=None, description="cut-off of the positions' filter; missing in earlier files"
     )
     used_samples: int
+    rows: RowNumbers = Field(
+        default="",
+        description="numbers of some rows, by which copies and excerpts are recognised; missing in "
+        "earlier files",
+    )
     left_out: tuple[LeftOut, ...] = Field(
         default=(), description="excluded rows; missing in earlier files"
     )

@@ -20,7 +20,7 @@ from deltaid.recording.columns import Columns, Rows
 from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.masks import Mask, as_runs, left_out, within
 from deltaid.recording.masks.stuck import bridged
-from deltaid.recording.row_sample import RowSample
+from deltaid.recording.row_sample import RowSample, in_text
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import read_batches
 from deltaid.recording.time.clock import Clock
@@ -147,6 +147,11 @@ class Log(Shown):
     @property
     def path(self) -> Path:
         return self.table.path
+
+    @property
+    def rows(self) -> str:
+        """Numbers of some rows, to recognise copies and excerpts."""
+        return in_text(self.sample)
 
     @property
     def rate(self) -> float:

@@ -21,16 +21,13 @@ from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.opening import open_log
 from deltaid.recording.repairs import Repairs, TorqueDrift, burden_of
-from deltaid.recording.row_sample import shared_rows
+from deltaid.recording.row_sample import REPEATED, shared_rows
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
 from deltaid.recording.windows import WINDOW, Directions, Window, blocks, window_of
 from deltaid.shown import Shown
 
 _Result = TypeVar("_Result")
-# Share of rows of another recording from which one repeats it: rows at rest may agree by chance,
-# in all positions and torques to the last bit.
-_SHARED = 0.1
 # Number of inner samples of a window, and the function that makes it.
 _WindowMaker = tuple[int, Callable[[], Window]]
 
@@ -224,7 +221,7 @@ def open_recordings(
 def _require_other_rows(log: Log, other: Log) -> None:
     """Refuse a recording that has rows of another one: the same evidence would count twice."""
     share = 1.0 if log.sha256 == other.sha256 else shared_rows(log.sample, other.sample)
-    if share < _SHARED:
+    if share < REPEATED:
         return
     what = f"has the rows of {other.path}, {100 * share:.0f} % of the shorter of both"
     what = f"is the same recording as {other.path}" if log.sha256 == other.sha256 else what

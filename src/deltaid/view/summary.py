@@ -9,6 +9,7 @@ import numpy as np
 
 from deltaid.identification.identify import Identification
 from deltaid.identification.prediction import Compared, misfit, remarks
+from deltaid.identification.sources import repeated
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.model import Model, load
 from deltaid.model.record import Fit, IdentifiedModel
@@ -48,7 +49,7 @@ def summary(
         return _of_prior(model, error)
     doubts = [text for text in known.warnings if text not in known.undecided]
     wrong = list(known.wrong) + ["a body is not physically consistent"] * (not known.consistent)
-    own = log is not None and log.sha256 in {source.sha256 for source in known.sources}
+    own = log is not None and repeated(known.sources, log.sha256, log.rows) is not None
     unseen = known.verification if error is None else None if own else error
     if error is not None:
         doubts += remarks(model, log, error) if log is not None else misfit(model, error)
