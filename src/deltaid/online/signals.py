@@ -104,11 +104,10 @@ def signals(
     # Until loops close, Newton's method continues from its last pose, or from home.
     begun = chosen(all_finite(z), z, ca.SX(home))
     fields.following["z"], fields.spoilt["z"] = z, chosen(finite, begun, near)
-    torques = _torques(model, known, settings, z, qd, tau)
-    parts, along, momentum = torques.parts, torques.along, torques.momentum
+    momentum, *parts = _torques(model, known, settings, z, qd, tau)
     computed = ca.logic_and(*(all_finite(ca.vertcat(p.nz[:], tau)) for p in parts[:2]))
     good = ca.logic_and(finite, ca.logic_and(closed, computed))
-    of_momentum, rest, dry = (only_if(good, part) for part in parts)
+    of_momentum, rest, dry, at_stand = (only_if(good, part) for part in parts)
     qd, tau = only_if(good, qd), only_if(good, tau)
     live = ca.logic_and(count >= needed, good)
     begins = ca.logic_or(anew, ca.logic_not(live))
@@ -123,7 +122,6 @@ def signals(
     both = only_if(live, ca.horzcat(torque - columns[:, 0], columns[:, 1:]))
     smooth, beyond = filtered("smooth", both, ca.SX(*both.shape)), _beyond(model, tau, settings)
     # (1 − sign²)² of friction: a slowly moving drive has a direction.
-    at_stand = only_if(good, along(z, ca.SX.zeros(dof), torques.load)[2])
     rest, dry = dry * dry / (at_stand + 1e-12) + beyond, dry + beyond
     dry, rest = steady("dry", dry), steady("rest", rest)
     at_rest = steady("smooth_rest", rest)
@@ -162,23 +160,6 @@ def signals(
 _LACKED = 2
 
 
-@dataclass(frozen=True, eq=False)
-class _Torques:
-    """Torques of one instant, linear in the directions of `_columns` and in friction that models
-    lack.
-
-    Attributes:
-        parts: columns of the momentum, columns of the rest, and size of undetermined friction.
-        along: these without lacking friction, as a function of z, q̇ and the gears' load.
-        load: of the gears.
-    """
-
-    parts: list[ca.SX]
-    along: ca.Function
-    load: ca.SX
-    momentum: Momentum
-
-
 def _torques(
     model: Model,
     known: OnlineKnowledge,
@@ -186,7 +167,14 @@ def _torques(
     z: ca.SX,
     qd: ca.SX,
     tau: ca.SX,
-) -> _Torques:
+) -> tuple[Momentum, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Torques of one instant, linear in the directions of `_columns` and in friction that models
+    lack.
+
+    Returns:
+        The equations; columns of the momentum, columns of the rest, and size of undetermined
+        friction; and that size where the drives stand.
+    """
     momentum, D = _columns(model, known, settings)
     load = _carried(model, qd, tau)
     along = ca.Function(
@@ -194,16 +182,16 @@ def _torques(
         [momentum.z, momentum.qd, momentum.load],
         [momentum.H @ D, momentum.W @ D, ca.substitute(momentum.dry, momentum.p, ca.SX(model.p))],
     )
-    parts = along(z, qd, load)
+    of_momentum, rest, dry = along(z, qd, load)
+    dry_at_stand = along(z, ca.SX.zeros(qd.numel()), load)[2]
     # Friction that many gears have and few models: more at low speed, and with the gears' load.
     # Each is the same share in all drives.
     slow = (qd / ca.SX(known.slow_speed)) ** 2
     sign = qd / ca.sqrt(qd * qd + settings.rest_speed**2)
     falling = known.unmodelled_slow * sign * ca.exp(-slow)
     lacked = ca.horzcat(falling, _CARRIED * sign * ca.fabs(load))
-    of_momentum = ca.horzcat(parts[0], ca.SX(*lacked.shape))
-    parts = [of_momentum, ca.horzcat(parts[1], lacked), parts[2]]
-    return _Torques(parts, along, load, momentum)
+    of_momentum = ca.horzcat(of_momentum, ca.SX(*lacked.shape))
+    return momentum, of_momentum, ca.horzcat(rest, lacked), dry, dry_at_stand
 
 
 @dataclass(frozen=True, eq=False)
