@@ -88,10 +88,10 @@ def validate_step(model: str, used: Used, folder: str, *, keep_all: bool = False
 
 
 def excite_step(
-    robot: str, motion: str, folder: str, *, duration: float = 10.0, starts: int = 4, seed: int = 0
+    robot: str, motion: str, folder: str, *, duration: float = 10.0, starts: int = 4
 ) -> Step:
     """Plan a motion to record next."""
-    asked = {"duration": duration, "starts": starts, "seed": seed}
+    asked = {"duration": duration, "starts": starts, "seed": 0}
     python = f"""\
 result = {_call("deltaid.excite", repr(robot), **asked)}
 result.save({motion!r})

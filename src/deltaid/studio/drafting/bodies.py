@@ -1,6 +1,6 @@
 """Bodies of a draft: simple solids of the given mass, with the entries that torques determine."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,12 +8,13 @@ import numpy as np
 from deltaid.studio.drafting.questions import (
     ALL,
     BAR,
+    H4,
     LINEAR,
     ROTARY,
-    ROUND,
     SLIDE,
     TELESCOPE,
     TURNING,
+    Answers,
     rounded,
 )
 
@@ -21,8 +22,6 @@ from deltaid.studio.drafting.questions import (
 _METAL, _CARBON = 2700.0, 1800.0
 _ARM, _STRUT = "[mcx, mcz, Sxx, Szz]", "[m, mcx, Sxx, Syy, Szz]"
 _TUBE, _TOOL = "[m, mcz, Sxx, Syy, Szz]", "[m, mcx, mcy, Sxx, Syy]"
-_H4 = ALL - ROUND
-Answers = Mapping[str, float]
 
 
 def stroke(a: Answers) -> tuple[float, float]:
@@ -88,13 +87,13 @@ _SOLIDS = (
           lambda a: a["strut"], density=_CARBON, middle=0.5),
     Solid("HP", "one of two half platforms, with its rack", SLIDE, "platform_mass", "[m]", "y",
           share=1 / 2),
-    Solid("SB", "one of two side bars: translates only", _H4, "platform_mass", "[m]", "y",
+    Solid("SB", "one of two side bars: translates only", H4, "platform_mass", "[m]", "y",
           share=1 / 4),
-    Solid("MB", "middle bar: translates and turns about z", _H4, "platform_mass",
+    Solid("MB", "middle bar: translates and turns about z", H4, "platform_mass",
           "[m, Sxx, Syy]", "x", lambda a: 2 * a["bar"], share=1 / 2),
-    Solid("MP", "one of two main parts: translates only", BAR - _H4, "platform_mass", "[m]", "y",
+    Solid("MP", "one of two main parts: translates only", BAR - H4, "platform_mass", "[m]", "y",
           share=3 / 8),
-    Solid("R", "one of two rods: translates and turns about z", BAR - _H4, "platform_mass",
+    Solid("R", "one of two rods: translates and turns about z", BAR - H4, "platform_mass",
           "[m, Sxx, Syy]", "x", lambda a: a["bar"], share=1 / 8),
     Solid("P", "platform: translates only", ALL - BAR - SLIDE, "platform_mass", "[m]", "z"),
     Solid("TU", "telescope, upper tube", TELESCOPE, "telescope_mass", _TUBE, "z", _tube,

@@ -55,8 +55,9 @@ TURNING = ARTICULATED | TELESCOPE
 # Kinds with a bar that turns within the platform, and with two sliding half platforms.
 BAR = frozenset(kind for kind in KINDS if platform_of(kind) in ("h4", "par4"))
 SLIDE = ARTICULATED - BAR
-# Kinds with all limbs on circles of base and platform.
+# Kinds with all limbs on circles of base and platform, and the other ones.
 ROUND = frozenset(kind for kind in KINDS if platform_of(kind) != "h4")
+H4 = ALL - ROUND
 
 
 @dataclass(frozen=True)

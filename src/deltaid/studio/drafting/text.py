@@ -15,6 +15,7 @@ from deltaid.studio.drafting.questions import (
     ALL,
     ARTICULATED,
     BAR,
+    H4,
     LINEAR,
     QUESTIONS,
     ROTARY,
@@ -81,7 +82,6 @@ def _friction(path: str, law: str, note: str, of: frozenset[str]) -> _Key:
     return _Key(path, value, note=note, source=ASSUMED, of=of)
 
 
-_H4 = ALL - ROUND
 _ARM_LIMITS = "angle_low", "angle_high", "speed", "torque", "gear"
 _RAIL_LIMITS = "rail_low", "rail_high", "rail_speed", "rail_force"
 _KEYS = (
@@ -90,9 +90,9 @@ _KEYS = (
     _Key("limbs.drive", "linear", of=LINEAR),
     _Key("limbs.azimuth_deg", "{azimuths}", (), "assumed: world axes are laid that way", ASSUMED),
     _answer("limbs.tilt_deg", "tilt", "0 upright, 90 flat", LINEAR),
-    _Key("limbs.base_points", "{base_points}", ("base_radius",), "m, from base_radius", of=_H4),
+    _Key("limbs.base_points", "{base_points}", ("base_radius",), "m, from base_radius", of=H4),
     _Key("limbs.platform_points", "{platform_points}", (), "m; assumed",
-         "assumed, by the length of the middle bar", _H4),
+         "assumed, by the length of the middle bar", H4),
     _answer("limbs.base_radius", "base_radius", "m", ROUND),
     _answer("limbs.platform_radius", "platform_radius", "m", ROUND),
     _answer("limbs.upper_arm", "arm", "m, axis to elbow", ROTARY),
@@ -109,10 +109,10 @@ _KEYS = (
     _Key("platform.kind", "{platform}", of=ARTICULATED),
     _Key("platform.direction_deg", "90", (),
          "the slide lies across the limbs that hold one half", ASSUMED, SLIDE),
-    _answer("platform.half_length", "bar", "m", _H4),
-    _answer("platform.length", "bar", "m", BAR - _H4),
-    _Key("platform.first", "[1, 3]", source=ASSUMED, of=_H4),
-    _Key("platform.first", "[1, 2]", source=ASSUMED, of=ARTICULATED - _H4),
+    _answer("platform.half_length", "bar", "m", H4),
+    _answer("platform.length", "bar", "m", BAR - H4),
+    _Key("platform.first", "[1, 3]", source=ASSUMED, of=H4),
+    _Key("platform.first", "[1, 2]", source=ASSUMED, of=ARTICULATED - H4),
     _Key("platform.ratio", "{pinion_ratio}", ("pinion",), "rad/m, of a pinion of {pinion} m",
          "by the pinion's radius, {pinion_origin}", SLIDE),
     _answer("platform.ratio", "ratio", of=BAR),
@@ -230,7 +230,7 @@ def _texts(draft: Draft) -> dict[str, str]:
         **{key: number(value) for key, value in {**a, **_following(kind, a)}.items()},
         **{f"{key}_origin": origin for key, origin in draft.origins.items()},
         **{f"shape_{body.name}": body.shape(a) for body in bodies(kind)},
-        **(_h4_points(a) if kind in _H4 else {}),
+        **(_h4_points(a) if kind in H4 else {}),
         "platform": platform,
         "azimuths": _AZIMUTHS[platform],
         "workspace_origin": _together(draft, ("radius", "low", "high")),
