@@ -2,10 +2,12 @@
 
 import contextlib
 import io
+import json
 import sys
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import typer.main
@@ -59,6 +61,11 @@ def accepted(*arguments: object, width: int = 80) -> Outcome:
     outcome = run(*arguments, width=width)
     assert outcome.code == 0, outcome
     return outcome
+
+
+def json_of(*arguments: object) -> Any:
+    """What a command that ends well prints with `--json`."""
+    return json.loads(accepted(*arguments, "--json").out)
 
 
 def refused(*arguments: object, folder: Path) -> str:

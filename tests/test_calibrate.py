@@ -1,6 +1,5 @@
 """`deltaid calibrate`: hidden machines of a generator that shares no code with the package."""
 
-import json
 import re
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import polars as pl
 import pytest
 
 import deltaid
-from command import refused, run
+from command import accepted, json_of, refused, run
 from deltaid.calibration.loops import Loops
 from deltaid.calibration.unknowns import unknowns
 from measured_poses import (
@@ -184,7 +183,7 @@ def test_the_command_says_the_verdict_first_on_one_screen(files: Path, tmp_path:
         <= 80
     )
     assert "Positions over the workspace" in page.read_text("utf-8")
-    found = json.loads(run("calibrate", CLAVEL, "--points", files / "points.csv", "--json").out)
+    found = json_of("calibrate", CLAVEL, "--points", files / "points.csv")
     robot = deltaid.load_robot(out)
     readings = pl.read_csv(files / "points.csv")
     q = readings.select("q1", "q2", "q3").to_numpy() + list(found["zeros"].values())
@@ -198,8 +197,8 @@ def test_instruments_mix_and_what_none_knows_is_said(files: Path) -> None:
     assert bed.out.startswith("doubtful: ")
     assert "not known: " in bed.out
     both = ("--probe", files / "bed.csv", "--distances", files / "parts.csv")
-    mixed = json.loads(run("calibrate", CLAVEL, *both, "--json").out)
-    alone = json.loads(run("calibrate", CLAVEL, *both[:2], "--json").out)
+    mixed = json_of("calibrate", CLAVEL, *both)
+    alone = json_of("calibrate", CLAVEL, *both[:2])
     assert mixed["after"]["position"] < 0.5 * alone["after"]["position"]
     assert mixed["rank"] > alone["rank"]
     assert {x["decided_by"] for x in mixed["numbers"]} <= {"description", "probe", "distances"}
@@ -229,8 +228,7 @@ def test_a_firmware_with_these_numbers_stands_where_the_printer_does(tmp_path: P
     names = ("klipper", "marlin", "reprap")
     given = ("--points", tmp_path / "points.csv", "--probe", tmp_path / "bed.csv")
     configs = [word for name in names for word in (f"--{name}", tmp_path / name)]
-    done = run("calibrate", KOSSEL, *given, *configs)
-    assert done.code == 0, done.err
+    done = accepted("calibrate", KOSSEL, *given, *configs)
     left = float(re.search(r"leaves (\S+) mm", done.out)[1]) * 1e-3
     text = {name: (tmp_path / name).read_text("utf-8") for name in names}
     values = dict(re.findall(r"\[(stepper_.)\]\n((?:\w+: .*\n)+)", text["klipper"]))
@@ -284,7 +282,7 @@ def test_next_readings_are_worth_what_they_promise(files: Path) -> None:
     out = run(*arguments).out
     assert "\nbest for its price, " in out
     assert len(out.splitlines()) <= 25
-    found = json.loads(run(*arguments, "--json").out)
+    found = json_of(*arguments)
     plans = {plan["name"]: plan for plan in found["next"]}
     assert {plan["kind"] for plan in plans.values()} == {"points", "probe", "distances"}
     assert f"{plans['calliper']['cost']:.0f}" in out
@@ -321,7 +319,7 @@ def test_prices_of_next_readings_are_a_users_own(files: Path, tmp_path: Path) ->
         encoding="utf-8",
     )
     given = ("calibrate", CLAVEL, "--probe", files / "bed.csv", "--next", 6, "--sensors", own)
-    plans = json.loads(run(*given, "--budget", 100, "--json").out)["next"]
+    plans = json_of(*given, "--budget", 100)["next"]
     assert [plan["name"] for plan in plans] == ["laser", "lens"]
     assert {plan["currency"] for plan in plans} == {"CHF"}
     assert "at this price" in refused(*given, "--budget", 0.5, folder=tmp_path)

@@ -10,7 +10,7 @@ import pytest
 
 import deltaid
 from calibrated import Machine, as_read, machine, oracle_of, poses_at
-from command import refused, run
+from command import accepted, refused
 from deltaid.calibration.torques import GeometryNumbers, torque_rows
 from deltaid.calibration.unknowns import unknowns
 from deltaid.dynamics.dynamics import compiled
@@ -107,9 +107,8 @@ def test_torques_add_to_a_probe_and_what_they_decided_is_said(tmp_path: Path) ->
     rows = both.known.torques
     left = rows.b - rows.A @ [truth[name] for name in both.names]
     assert 0.3 < left @ left / len(left) < 2.5  # in units of their noise
-    done = run("calibrate", given["robot"], "--probe", given["probe"], "--torques",
-               tmp_path / "log.csv", "--lengths", 0.001, "--angles", 0.02)  # fmt: skip
-    assert done.code == 0, done.err
+    done = accepted("calibrate", given["robot"], "--probe", given["probe"], "--torques",
+                    tmp_path / "log.csv", "--lengths", 0.001, "--angles", 0.02)  # fmt: skip
     assert "log.csv: torques, decide limb1.zero, " in " ".join(done.out.split())
     (row,) = (line for line in done.out.splitlines() if line.startswith("zero, "))
     assert row.split()[-1] == "torques"

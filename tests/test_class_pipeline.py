@@ -1,6 +1,5 @@
 """Every catalogue robot through the whole pipeline: what its file states, motion, fit, commands."""
 
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ import polars as pl
 import pytest
 from scipy.stats import qmc
 
-from command import Outcome, run
+from command import Outcome, accepted, json_of, run
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.identification.demo import mass_matrix_error
@@ -187,8 +186,7 @@ def commanded(case: Case, tmp_path_factory) -> Found:
     motion = random_motion(case.dynamics.kinematics, rng)
     recording = simulate_recording(case.dynamics, truth, motion, rng, duration=10.0, rate=200.0)
     write_recording(recording, folder / "log.csv")
-    outcome = run("identify", case.name, folder / "log.csv", "-o", folder / "model.yaml")
-    assert outcome.code == 0, outcome.err
+    outcome = accepted("identify", case.name, folder / "log.csv", "-o", folder / "model.yaml")
     return Found(truth, motion, outcome, folder / "model.yaml")
 
 
@@ -216,27 +214,22 @@ def test_commands_and_pages(case: Case, commanded: Found) -> None:
     assert ("force error, N " if linear else "torque error, N m") in commanded.outcome.out
     full = run("identify", case.name, folder / "log.csv", "--full").out
     assert ("N s/m" if linear else "N m s/rad") in full
-    outcome = run("validate", commanded.model, log, "--report", page, "--json")
-    assert outcome.code == 0, outcome.err
-    assert max(json.loads(outcome.out)["nrmse"]) < 0.03
+    assert max(json_of("validate", commanded.model, log, "--report", page)["nrmse"]) < 0.03
     text = page.read_text(encoding="utf-8")
     unit, other = ("N", "N m") if linear else ("N m", "N")
     assert f"drive1 [{unit}]" in text
     assert f"residual [{unit}]" in text
     assert f"residual [{other}]" not in text
-    outcome = run("torque", commanded.model, log, "-o", folder / "torque.csv")
-    assert outcome.code == 0, outcome.err
+    accepted("torque", commanded.model, log, "-o", folder / "torque.csv")
     predicted = pl.read_csv(folder / "torque.csv")
     assert predicted.columns == ["t", *(f"tau{i + 1}" for i in range(len(case.robot.drives)))]
-    outcome = run("base", case.name, "--json")
-    assert json.loads(outcome.out)["base_parameters"] == case.base
+    assert json_of("base", case.name)["base_parameters"] == case.base
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["par4", "h4-linear"])
 def test_demo(name: str) -> None:
-    outcome = run("demo", name, "--full")
-    assert outcome.code == 0, outcome.err
+    outcome = accepted("demo", name, "--full")
     assert "viscous.platform" in outcome.out
     share = re.search(r"mass matrix within ([\d.]+) % on .*friction within ([\d.]+) %", outcome.out)
     assert max(map(float, share.groups())) < 10
@@ -245,8 +238,7 @@ def test_demo(name: str) -> None:
 def test_pages_of_an_excitation_with_linear_drives(tmp_path: Path) -> None:
     page, motion = tmp_path / "page.html", tmp_path / "motion.csv"
     arguments = ("-o", motion, "--plot", tmp_path / "m.png", "--report", page)
-    outcome = run("excite", "i4-linear", "--starts", 1, "--harmonics", 2, *arguments)
-    assert outcome.code == 0, outcome.err
+    outcome = accepted("excite", "i4-linear", "--starts", 1, "--harmonics", 2, *arguments)
     assert f"wrote {page}" in outcome.out
     text = page.read_text(encoding="utf-8")
     assert {"Motion", "Limits", "Predicted deviations", "Search"} <= set(Document(text).texts)

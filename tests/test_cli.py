@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from command import refused, run
+from command import accepted, json_of, refused, run
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.identification.prediction import misfit
 from deltaid.identification.sources import model_filtered
@@ -31,15 +31,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write(place / "log.csv", recorded(1500))
 
     write(place / "motion.csv", recorded(1500, derivatives=True).drop(names("tau")))
-    outcome = run("identify", ROBOT, place / "log.csv", "-o", place / "model.yaml", "--json")
-    assert outcome.code == 0
+    outcome = accepted("identify", ROBOT, place / "log.csv", "-o", place / "model.yaml", "--json")
     write(place / "identified.json", outcome.out)
     return place
 
 
 def test_robots() -> None:
-    listed = run("robots")
-    assert listed.code == 0
+    listed = accepted("robots")
     assert all(name in listed.out for name in catalogue())
     assert run("robots", ROBOT).out == catalogue_text(ROBOT) + "\n"
 
@@ -54,8 +52,7 @@ def test_schema(folder: Path, kind: str) -> None:
 
 
 def test_identify_tables(folder: Path, tmp_path: Path) -> None:
-    outcome = run("identify", ROBOT, folder / "log.csv", "-o", tmp_path / "model.yaml")
-    assert outcome.code == 0
+    outcome = accepted("identify", ROBOT, folder / "log.csv", "-o", tmp_path / "model.yaml")
     assert "viscous.drive1" not in outcome.out
     assert f"saved {tmp_path / 'model.yaml'}" in outcome.out
     assert IdentifiedModel.load(tmp_path / "model.yaml").consistent
@@ -68,9 +65,7 @@ def test_identify_tables(folder: Path, tmp_path: Path) -> None:
 
 def test_identify_json() -> None:
     log = identified("irb360-6-1600").log
-    outcome = run("identify", "irb360-6-1600", log, "--verify", log, "--json")
-    assert outcome.code == 0
-    value = json.loads(outcome.out)
+    value = json_of("identify", "irb360-6-1600", log, "--verify", log)
     assert value.keys() >= KEYS
     assert value["optimization_variables"] == 36
     assert value["base_parameters"] == 37
@@ -86,16 +81,14 @@ def test_identify_json() -> None:
 )
 def test_identify_options(folder: Path, method: str, regularizer: str) -> None:
     options = ["--method", method, "--regularizer", regularizer, "--gamma", "1e-6"]
-    outcome = run("identify", ROBOT, folder / "log.csv", *options, "--json", "--cutoff", "30")
-    value = json.loads(outcome.out)
+    value = json_of("identify", ROBOT, folder / "log.csv", *options, "--cutoff", "30")
     assert (value["method"], value["regularizer"], value["gamma"]) == (method, regularizer, 1e-6)
     assert value["cutoff_hz"] == [30.0]
 
 
 def test_validate(folder: Path) -> None:
     assert "drive3" in run("validate", folder / "model.yaml", folder / "log.csv").out
-    outcome = run("validate", folder / "model.yaml", folder / "log.csv", "--json")
-    value = json.loads(outcome.out)
+    value = json_of("validate", folder / "model.yaml", folder / "log.csv")
     model = IdentifiedModel.load(folder / "model.yaml")
     assert value["rms"] == pytest.approx(model.fit.rms)
     assert value["log"] == "log.csv"
@@ -187,8 +180,7 @@ def test_a_prediction_that_rest_spoils_accuses_no_wiring(
 
 def test_torque_of_a_planned_motion(folder: Path, tmp_path: Path, clavel: Dynamics) -> None:
     out = tmp_path / "torque.csv"
-    outcome = run("torque", folder / "model.yaml", folder / "motion.csv", "-o", out)
-    assert outcome.code == 0
+    outcome = accepted("torque", folder / "model.yaml", folder / "motion.csv", "-o", out)
     assert "wrote 1500 of 1500 samples" in outcome.out
     motion, written = pl.read_csv(folder / "motion.csv"), pl.read_csv(out)
     assert written.columns == names("t", "tau")
@@ -217,11 +209,11 @@ def test_torque_of_positions(folder: Path, tmp_path: Path, clavel: Dynamics) -> 
 
 
 def test_base(folder: Path) -> None:
-    value = json.loads(run("base", "irb360-6-1600", "--json").out)
+    value = json_of("base", "irb360-6-1600")
     assert (value["base_parameters"], value["optimization_variables"]) == (37, 36)
-    value = json.loads(run("base", ROBOT, folder / "log.csv", "--json").out)
+    value = json_of("base", ROBOT, folder / "log.csv")
     assert len(value["groups"]) == len(value["values"]) == value["base_parameters"]
-    every = json.loads(run("base", ROBOT, folder / "log.csv", "--keep-all", "--json").out)
+    every = json_of("base", ROBOT, folder / "log.csv", "--keep-all")
     np.testing.assert_allclose(every["values"], value["values"], rtol=0.2)
     assert every["values"] != value["values"]  # reversals count
     assert "base parameter" in run("base", ROBOT).out
@@ -238,8 +230,7 @@ def test_columns_option(folder: Path, tmp_path: Path) -> None:
     lines = ["time: {column: Zeit, unit: ms}", "position:"]
     lines += [f"  - {{column: Winkel {i}, unit: deg}}" for i in (1, 2, 3)]
     mapping = write(tmp_path / "columns.yaml", "\n".join(lines))
-    arguments = [ROBOT, log, "--columns", mapping, "--json"]
-    value = json.loads(run("identify", *arguments).out)
+    value = json_of("identify", ROBOT, log, "--columns", mapping)
     straight = json.loads((folder / "identified.json").read_text())
     assert value["rms"] == pytest.approx(straight["rms"], rel=1e-6)
 

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from command import accepted, refused, run
+from command import accepted, json_of, refused, run
 from deltaid.identification.sources import model_filtered
 from deltaid.joint_forces.constraint_forces import ConstraintForces
 from deltaid.joint_forces.forces import with_struts
@@ -69,7 +69,7 @@ def test_ranges_and_report(folder: Path) -> None:
     page = folder / "forces.html"
     command = ("forces", folder / "model.yaml", folder / "verify.csv", *OPTIONS)
     with_logs = ("--logs", folder / "identify.csv")
-    told = json.loads(run(*command, *with_logs, "--json").out)
+    told = json_of(*command, *with_logs)
     for case in told["worst"]:
         assert case["low"] <= case["value"] <= case["high"]
         assert case["high"] > case["low"]

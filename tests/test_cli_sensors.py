@@ -1,19 +1,17 @@
 """`deltaid sensors`: tables, JSON, page, a list of one's own, and what is refused."""
 
-import json
 from pathlib import Path
 
 import pytest
 
-from command import refused, run
+from command import accepted, json_of, refused, run
 from deltaid.sensors.planning.offers import load_offers, shipped_offers
 
 DELTA = "clavel-delta3"
 
 
 def test_tables_name_what_stays_open_and_what_to_buy() -> None:
-    outcome = run("sensors", DELTA, "--goal", "P", "--budget", 100, "--full", width=300)
-    assert outcome.code == 0
+    outcome = accepted("sensors", DELTA, "--goal", "P", "--budget", 100, "--full", width=300)
     for said in (
         "a random motion within the robot's limits",
         "all ten entries of each are unknown",
@@ -26,8 +24,7 @@ def test_tables_name_what_stays_open_and_what_to_buy() -> None:
 
 
 def test_json_has_what_the_tables_say() -> None:
-    arguments = ("sensors", DELTA, "--combine", "edge:S,kitchen-scale:P", "--steps", 2, "--json")
-    found = json.loads(run(*arguments).out)
+    found = json_of("sensors", DELTA, "--combine", "edge:S,kitchen-scale:P", "--steps", 2)
     assert found["described"] is None
     assert found["combinations"][0]["name"] == "edge:S + kitchen-scale:P"
     assert len(found["steps"]) == 2
@@ -45,7 +42,7 @@ def test_the_list_is_printed_and_read_again(tmp_path: Path) -> None:
     assert load_offers(path) == shipped_offers()
     cheap = path.read_text("utf-8").replace("price: 8000", "price: 0").replace("hours: 16", "")
     path.write_text(cheap, encoding="utf-8")
-    found = json.loads(run("sensors", DELTA, "--sensors", path, "--json").out)
+    found = json_of("sensors", DELTA, "--sensors", path)
     assert found["steps"][0]["name"] == "plate-tared"
     assert run("sensors", DELTA, "--list", "--sensors", path).out == cheap
     path.write_text(cheap.replace("price: 0", "price: much"), encoding="utf-8")
@@ -76,11 +73,10 @@ def test_what_cannot_be_is_refused_in_one_message(
 def test_a_mechanism_of_ones_own_and_its_page(tmp_path: Path) -> None:
     folder = Path(__file__).parents[1] / "examples" / "planar_delta"
     page = tmp_path / "page.html"
-    outcome = run(
+    outcome = accepted(
         "--mechanism", folder / "mechanism.py", "sensors", folder / "robot.yaml",
         "--report", page, "--full", width=300,
     )  # fmt: skip
-    assert outcome.code == 0
     assert "mass where arm and rod meet may pass between arm and rod" in outcome.out
     text = page.read_text(encoding="utf-8")
     assert "gauges at the platform" in text  # the robot has no place for them: told

@@ -1,6 +1,5 @@
 """Motions to follow, from files; `deltaid simulate` and `deltaid compare-controllers`."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ import polars as pl
 import pytest
 
 import deltaid
-from command import accepted, refused, run
+from command import accepted, json_of, refused, run
 from deltaid.control.comparison import _why_not, base_vector, candidates
 from deltaid.control.controllers import CONTROLLERS
 from deltaid.control.trajectory import open_trajectory
@@ -77,8 +76,7 @@ def test_base_parameters_have_the_torques_of_the_truth(folder: Path) -> None:
 def test_comparison_tells_what_identification_buys(folder: Path) -> None:
     files = (folder / "model.yaml", folder / "short.csv", "--plant", folder / "truth.yaml")
     report = folder / "comparison.html"
-    outcome = accepted("compare-controllers", *files, "--report", report, "--json")
-    runs = json.loads(outcome.out)["runs"]
+    runs = json_of("compare-controllers", *files, "--report", report)["runs"]
     assert len(runs) == 1 + 4 * 3
     error = {(r["controller"], r["model"]): r["platform_rms"] for r in runs}
     for controller in CONTROLLERS[1:]:
@@ -120,8 +118,7 @@ def test_simulate_writes_a_log_that_can_be_identified(folder: Path) -> None:
     assert "Torques" in report.read_text(encoding="utf-8")
     log = pl.read_csv(output)
     assert log.columns[:7] == ["t", "q1", "q2", "q3", "tau1", "tau2", "tau3"]
-    validated = accepted("validate", folder / "model.yaml", output, "--json")
-    assert max(json.loads(validated.out)["nrmse"]) < 0.05
+    assert max(json_of("validate", folder / "model.yaml", output)["nrmse"]) < 0.05
     for path in (output, report):
         path.unlink()
 
@@ -139,7 +136,7 @@ def test_page_of_simulate_shows_the_limits_of_the_plant(folder: Path, tmp_path: 
 def test_file_of_a_lost_robot_ends_where_it_was_lost(folder: Path, tmp_path: Path) -> None:
     output = tmp_path / "lost.csv"
     files = (folder / "model.yaml", folder / "motion.csv", "--delay", 100)
-    answer = json.loads(run("simulate", *files, "-o", output, "--json").out)
+    answer = json_of("simulate", *files, "-o", output)
     table = pl.read_csv(output)
     assert np.isfinite(table.to_numpy()).all()
     assert table["t"][-1] == pytest.approx(answer["ended"] - 1e-3)
@@ -199,8 +196,7 @@ def test_a_plant_of_another_geometry_is_followed_too(folder: Path, tmp_path: Pat
     """Its platform is then where its own lengths put it."""
     longer = tmp_path / "longer.yaml"
     longer.write_text(catalogue_text(ROBOT).replace("strut: 1.055", "strut: 1.056"), "utf-8")
-    arguments = ("simulate", ROBOT, folder / "short.csv", "--plant", longer, "--json")
-    answer = json.loads(run(*arguments).out)
+    answer = json_of("simulate", ROBOT, folder / "short.csv", "--plant", longer)
     assert 5e-4 < answer["platform_rms"] < 3e-3
 
 
@@ -208,10 +204,10 @@ def test_a_payload_and_its_uncertainty(folder: Path, tmp_path: Path) -> None:
     """A load that is known costs next to nothing, and what is not known of it shows at its ends."""
     command = ("simulate", ROBOT, folder / "short.csv", "--controller", "pd-feedforward")
     load = ("--payload", "1.5±0.2", "--current-loop", 300)
-    free = json.loads(run(*command, "--current-loop", 300, "--json").out)
-    blind = json.loads(run(*command, *load, "--json").out)
+    free = json_of(*command, "--current-loop", 300)
+    blind = json_of(*command, *load)
     page = tmp_path / "a.html"
-    known = json.loads(run(*command, *load, "--payload-known", "--report", page, "--json").out)
+    known = json_of(*command, *load, "--payload-known", "--report", page)
     assert free["payload"] is None
     assert (free["current_loop_hz"], blind["payload"]["mass"]) == (300, 1.5)
     assert [end["mass"] for end in known["payload"]["ends"]] == pytest.approx([1.1, 1.9])
@@ -228,8 +224,8 @@ def test_a_payload_and_its_uncertainty(folder: Path, tmp_path: Path) -> None:
 
 def test_a_comparison_with_a_load(folder: Path) -> None:
     arguments = ("compare-controllers", folder / "model.yaml", folder / "shorter.csv", "--plant")
-    outcome = run(*arguments, folder / "truth.yaml", "--payload", "1+-0.1", "--json")
-    runs = {(run["controller"], run["model"]): run for run in json.loads(outcome.out)["runs"]}
+    told = json_of(*arguments, folder / "truth.yaml", "--payload", "1+-0.1")
+    runs = {(run["controller"], run["model"]): run for run in told["runs"]}
     blind = runs["pd-feedforward", "identified"]
     known = runs["pd-feedforward", "identified, load known"]
     assert known["platform_rms"] < 0.2 * blind["platform_rms"]

@@ -1,6 +1,5 @@
 """Drift of a robot from factor files: friction with bodies held, findings, tables, command."""
 
-import json
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -9,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from command import refused, run
+from command import accepted, json_of, refused
 from deltaid.cli.gather import drift_settings
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.fleets.drift_findings import DriftSettings
@@ -174,13 +173,14 @@ def folder(months: list[DriftRecording], tmp_path_factory: pytest.TempPathFactor
 def test_the_command(folder: Path, model: IdentifiedModel, tmp_path: Path) -> None:
     model.save(tmp_path / "model.yaml")
     out = tmp_path / "drift.parquet"
-    done = run("drift", tmp_path / "model.yaml", folder, "--limit", "1.5", "-o", out, width=160)
-    assert done.code == 0
+    done = accepted(
+        "drift", tmp_path / "model.yaml", folder, "--limit", "1.5", "-o", out, width=160
+    )
     assert "30 recordings, 2026-01-01 to 2026-01-30" in done.out
     assert "at most 0.1 a robot-year" in done.out
     assert "no temperature" in done.out
     assert len(pl.read_parquet(out)) == 3
-    told = json.loads(run("drift", ROBOT, folder, "--json").out)
+    told = json_of("drift", ROBOT, folder)
     assert told["recordings"] == 30
     assert [drive["drive"] for drive in told["drives"]]
     assert told["drives"][0]["state"] in ("steady", "unknown")

@@ -1,6 +1,5 @@
 """Factors of recordings in the place of recordings: columns, files, merging, fits."""
 
-import json
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
@@ -9,7 +8,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from command import refused, run
+from command import accepted, json_of, refused, run
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
@@ -212,14 +211,12 @@ def test_a_damaged_file_is_made_again(logs: list[Path], known, tmp_path: Path) -
 
 
 def test_the_command_takes_a_folder_of_factor_files(logs: list[Path], tmp_path: Path) -> None:
-    done = run("gather", ROBOT, *logs[:2], "--cutoff", 15, "-o", tmp_path / "factors")
-    assert done.code == 0, done.err
+    done = accepted("gather", ROBOT, *logs[:2], "--cutoff", 15, "-o", tmp_path / "factors")
     assert "2 gathered, 0 there already, 0 refused" in done.out
     files = sorted((tmp_path / "factors").iterdir())
-    named = run("identify", ROBOT, *files, "--json")
-    whole = run("identify", ROBOT, tmp_path / "factors", "--json", "--verify", logs[2])
-    assert json.loads(named.out)["parameters"] == json.loads(whole.out)["parameters"]
-    assert max(json.loads(whole.out)["verify"]["nrmse"]) < 0.01
+    whole = json_of("identify", ROBOT, tmp_path / "factors", "--verify", logs[2])
+    assert json_of("identify", ROBOT, *files)["parameters"] == whole["parameters"]
+    assert max(whole["verify"]["nrmse"]) < 0.01
     for option, words in (
         (("--lag", "none"), "--lag: was decided as the recordings were gathered"),
         (("--report", tmp_path / "a.html"), "--report: needs samples"),
@@ -241,15 +238,14 @@ def test_a_model_is_compared_with_a_recording_by_its_factors(logs, files, tmp_pa
     saved, file = tmp_path / "model.yaml", tmp_path / "log.factors.parquet"
     model.save(saved)
     write(files[2], file)
-    done = run("validate", saved, file, "--json")
-    assert json.loads(done.out)["rms"] == found.rms.tolist()
+    assert json_of("validate", saved, file)["rms"] == found.rms.tolist()
     own = tmp_path / "own.factors.parquet"
     write(files[0], own)
     assert "so it verifies nothing" in run("validate", saved, own).err
     page = refused("validate", saved, file, "--report", tmp_path / "a.html", folder=tmp_path)
     assert "--report: needs samples" in page
-    again = run("identify", ROBOT, logs[0], "--cutoff", 15, "--verify", file, "--json")
-    assert max(json.loads(again.out)["verify"]["nrmse"]) < 0.01
+    again = json_of("identify", ROBOT, logs[0], "--cutoff", 15, "--verify", file)
+    assert max(again["verify"]["nrmse"]) < 0.01
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ fails stops nothing else, loses nothing and doubles nothing.
 Store, scheduler and workers are processes of their own in what takes long.
 """
 
-import json
 import os
 import shutil
 import signal
@@ -25,7 +24,7 @@ import psutil
 import pytest
 import s3fs
 
-from command import run
+from command import accepted, json_of
 from damage import changed_bit
 from deltaid import libraries
 from deltaid.errors import DeltaidError
@@ -163,10 +162,8 @@ def test_what_a_worker_has_done_before_it_dies_counts(
 
 def test_the_command_tells_what_it_has_done(whole: Plant) -> None:
     path = whole.folder / "next.yaml"
-    done = run("fleet", whole.manifest, "-o", whole.output, "--cutoff", 15, "--friction",
-               "described", "--json", "--prior-out", path)  # fmt: skip
-    assert done.code == 0, done.err
-    told = json.loads(done.out)
+    words = ("--cutoff", 15, "--friction", "described", "--prior-out", path)
+    told = json_of("fleet", whole.manifest, "-o", whole.output, *words)
     assert {key: told[key] for key in ("robots", "used", "gathered", "fits", "fitted")} == {
         "robots": 2, "used": 4, "gathered": 0, "fits": 4, "fitted": 0,
     }  # fmt: skip
@@ -264,8 +261,7 @@ def test_a_robot_without_a_description_and_a_log_without_a_date_stop_nothing(who
     )
     copy = whole.folder / "copy"
     shutil.copytree(whole.output, copy, copy_function=os.link)
-    done = run("fleet", more, "-o", copy, "--cutoff", 15, "--friction", "described", width=300)
-    assert done.code == 0, done.err
+    done = accepted("fleet", more, "-o", copy, "--cutoff", 15, "--friction", "described", width=300)
     assert "x/a.csv: nothing says when it was made" in done.err
     assert "x.yaml: no such file" in done.err or "no robot file" in done.err
 

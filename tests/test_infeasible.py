@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command import accepted, run
+from command import accepted, json_of
 from deltaid.control.comparison import ControllerRun
 from deltaid.control.infeasible import motion_problems, tracking_problems
 from deltaid.control.tracking import Drives, Tracking
@@ -192,8 +192,7 @@ def test_a_robot_that_is_lost_has_numbers_in_json(tmp_path: Path) -> None:
     model, time = load("clavel-delta3"), np.arange(1500) / 1000
     moved = random_motion(model.dynamics.kinematics, np.random.default_rng(0)).evaluate(time)
     write_motion(model, time, moved, tmp_path / "m.csv")
-    outcome = run("simulate", "clavel-delta3", tmp_path / "m.csv", "--delay", 60, "--json")
-    answer = json.loads(outcome.out)
+    answer = json_of("simulate", "clavel-delta3", tmp_path / "m.csv", "--delay", 60)
     assert answer["ended"] is not None
     assert all(np.isfinite(answer["torque_rms"]))
     assert "lost" in {problem["kind"] for problem in answer["infeasible"]}

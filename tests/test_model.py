@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import deltaid
-from command import refused, run
+from command import accepted, refused
 from deltaid.dynamics.limits import effort_limits
 from deltaid.dynamics.parameters import inertia_scale, least_margin, with_prior
 from deltaid.errors import DescriptionError
@@ -127,27 +127,23 @@ def test_commands_take_a_robot_and_say_so(command: str, folder: Path, tmp_path: 
     short = tmp_path / "short.csv"
     short.write_text("".join(rows[: 200 if command == "compare-controllers" else 2000]))
     for source in (NAME, folder / "robot.yaml"):
-        outcome = run(command, source, short, *options.get(command, ()), width=200)
-        assert outcome.code == 0, outcome.err
+        outcome = accepted(command, source, short, *options.get(command, ()), width=200)
         name = Path(source).name
         assert f"{name} is a robot: it stands for its prior parameters" in outcome.err
-    outcome = run(command, folder / "model.yaml", short, *options.get(command, ()))
-    assert outcome.code == 0, outcome.err
+    outcome = accepted(command, folder / "model.yaml", short, *options.get(command, ()))
     assert "stands for its prior" not in outcome.err
 
 
 def test_identify_takes_the_robot_of_a_model_and_says_so(folder: Path, tmp_path: Path) -> None:
     new = tmp_path / "m.yaml"
-    outcome = run("identify", folder / "model.yaml", folder / "other.csv", "-o", new)
-    assert outcome.code == 0, outcome.err
+    outcome = accepted("identify", folder / "model.yaml", folder / "other.csv", "-o", new)
     assert "model.yaml is a model: its robot is identified anew, from its prior" in outcome.err
     again = deltaid.identify(NAME, [folder / "other.csv"]).model
     assert deltaid.IdentifiedModel.load(new).parameters == again.parameters
 
 
 def test_excite_plans_with_the_identified_parameters(folder: Path) -> None:
-    outcome = run("excite", folder / "model.yaml", "--starts", 1, "--harmonics", 2, "--json")
-    assert outcome.code == 0, outcome.err
+    outcome = accepted("excite", folder / "model.yaml", "--starts", 1, "--harmonics", 2, "--json")
     assert "model.yaml is a model: planned with its masses and friction" in outcome.err
     known = deltaid.load(folder / "model.yaml")
     values = [each["prior"] for each in json.loads(outcome.out)["predictions"]]
@@ -206,8 +202,7 @@ def test_a_drive_without_a_limit_may_have_any_torque() -> None:
 def test_a_report_of_a_prior_says_so(folder: Path, tmp_path: Path) -> None:
     for command in ("validate", "forces"):
         page = tmp_path / f"{command}.html"
-        outcome = run(command, NAME, folder / "other.csv", "--report", page)
-        assert outcome.code == 0, outcome.err
+        accepted(command, NAME, folder / "other.csv", "--report", page)
         assert "the prior of its description" in page.read_text(encoding="utf-8")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from command import accepted, refused, run
+from command import accepted, json_of, refused, run
 from deltaid.online.replay import open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import watch
@@ -31,8 +31,7 @@ def results(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dic
     """What the command says of it as JSON, and the table and page that it wrote."""
     out = tmp_path_factory.mktemp("told")
     files = ("-o", out / "time.parquet", "--report", out / "page.html")
-    outcome = accepted("online", folder / "model.yaml", folder / "log.csv", *TOLD, *files, "--json")
-    return json.loads(outcome.out), out
+    return json_of("online", folder / "model.yaml", folder / "log.csv", *TOLD, *files), out
 
 
 def test_loads_are_those_that_were_held(results: tuple[dict[str, Any], Path]) -> None:

@@ -1,7 +1,6 @@
 """Files of models and of their draws: records, arrays, ensembles, refusals, what is beside them."""
 
 import csv
-import json
 from pathlib import Path
 
 import mujoco
@@ -10,7 +9,7 @@ import pytest
 from ruamel.yaml import YAML
 
 import deltaid
-from command import run
+from command import accepted, json_of, run
 from deltaid.dynamics.parameters import least_margin
 from deltaid.errors import DeltaidError, DescriptionError
 from deltaid.identification.identify import identify
@@ -72,9 +71,7 @@ def test_a_damaged_record_is_named(model_file: Path, tmp_path, change, fragment:
 
 def test_the_command_writes_arrays(model_file: Path, tmp_path: Path) -> None:
     output = tmp_path / "new" / "models.npz"
-    done = run("sample", model_file, "-n", 50, "--seed", 3, "-o", output, "--json")
-    assert done.code == 0, done.err
-    said = json.loads(done.out)
+    said = json_of("sample", model_file, "-n", 50, "--seed", 3, "-o", output)
     arrays = np.load(output)
     assert arrays["p"].shape == (50, len(arrays["names"]))
     np.testing.assert_array_equal(arrays["p"], load(model_file).sample(50, seed=3).p)
@@ -90,8 +87,7 @@ def test_the_command_writes_arrays(model_file: Path, tmp_path: Path) -> None:
 def test_the_command_writes_models_for_mujoco(model_file: Path, tmp_path: Path) -> None:
     folder = tmp_path / "ensemble"
     words = ("sample", model_file, "-n", 3, "--to", "mjcf", "--limb-tolerance", 0.05)
-    done = run(*words, "-o", folder)
-    assert done.code == 0, done.err
+    accepted(*words, "-o", folder)
     with (folder / "index.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {path.name for path in folder.iterdir()} == {"index.csv", *(r["file"] for r in rows)}

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command import refused, run
+from command import accepted, refused, run
 from deltaid.checks.identify import Judged
 from deltaid.checks.verdicts import Verdicts
 from deltaid.identification.prediction import validate
@@ -204,8 +204,7 @@ def test_terminal_and_page_say_the_same(folder: Path, tmp_path: Path) -> None:
 def test_a_model_keeps_its_verdict(folder: Path, tmp_path: Path) -> None:
     file = tmp_path / "model.yaml"
     words = ("identify", folder / "robot.yaml", folder / "log.csv", "-o", file)
-    told = run(*words, "--verify", folder / "verify.csv")
-    assert told.code == 0, told.err
+    told = accepted(*words, "--verify", folder / "verify.csv")
     known = load(file)
     said = summary(known)
     assert said.grade is Trust.GOOD
@@ -223,8 +222,9 @@ def test_a_model_keeps_its_verdict(folder: Path, tmp_path: Path) -> None:
 
 
 def test_what_a_model_is_worth_is_said_where_it_is_used(folder: Path, tmp_path: Path) -> None:
-    untested = run("torque", folder / "model.yaml", folder / "verify.csv", "-o", tmp_path / "a.csv")
-    assert untested.code == 0
+    untested = accepted(
+        "torque", folder / "model.yaml", folder / "verify.csv", "-o", tmp_path / "a.csv"
+    )
     assert "note: " in untested.err
     assert "Untested: fits torques" in untested.err
     file, target = tmp_path / "poor.yaml", tmp_path / "robot.xml"
@@ -251,8 +251,7 @@ def test_a_file_that_was_changed_by_hand_says_so(folder: Path, tmp_path: Path) -
     file.write_text(text.replace("title:", "title:  "), encoding="utf-8")
     (first, *_) = load(file).identified.warnings
     assert "was changed after deltaid wrote it" in first
-    used = run("torque", file, folder / "verify.csv", "-o", tmp_path / "a.csv")
-    assert used.code == 0
+    used = accepted("torque", file, folder / "verify.csv", "-o", tmp_path / "a.csv")
     assert f"warning: {file.name}: {first}" in used.err
     without = [line for line in text.splitlines() if "sha256:" not in line or line[0] != "#"]
     file.write_text("\n".join(without), encoding="utf-8")
