@@ -140,7 +140,7 @@ def lifted(kind: str, a: Answers) -> float:
     return shared / limbs_of(kind) + 2 * a["strut_mass"]
 
 
-def _mass(kind: str, a: Answers, typical: float) -> float:
+def _mass(a: Answers, typical: float) -> float:
     size = a["strut"] + a.get("arm", 0.0)
     return rounded(min(typical, _HEAVIEST * size**3))
 
@@ -205,17 +205,17 @@ QUESTIONS: tuple[Question, ...] = (
              "measure from stop to stop", LINEAR,
              lambda kind, a: rounded(a["strut"] + a["rail_low"]), "lengths"),
     Question("arm_mass", "mass of one arm, with the elbow's joints", "kg", 1e-3, 500, _SCALE,
-             ROTARY, lambda kind, a: _mass(kind, a, 1.5 * a["arm"]), "masses"),
+             ROTARY, lambda kind, a: _mass(a, 1.5 * a["arm"]), "masses"),
     Question("carriage_mass", "mass of one carriage", "kg", 1e-3, 2000, _SCALE, LINEAR,
-             lambda kind, a: _mass(kind, a, 2.0 * a["strut"]), "masses"),
+             lambda kind, a: _mass(a, 2.0 * a["strut"]), "masses"),
     Question("strut_mass", "mass of one strut of the two, with its joints", "kg", 1e-4, 200, _SCALE,
-             ALL, lambda kind, a: _mass(kind, a, 0.15 * a["strut"]), "masses"),
+             ALL, lambda kind, a: _mass(a, 0.15 * a["strut"]), "masses"),
     Question("platform_mass", "mass of the platform, with all that does not turn", "kg", 1e-3, 500,
-             _SCALE, ALL, lambda kind, a: _mass(kind, a, 0.8 * a["strut"]), "masses"),
+             _SCALE, ALL, lambda kind, a: _mass(a, 0.8 * a["strut"]), "masses"),
     Question("tool_mass", "mass of the tool, and what turns with it", "kg", 1e-3, 500, _SCALE,
-             TURNING, lambda kind, a: _mass(kind, a, 0.3 * a["strut"]), "masses"),
+             TURNING, lambda kind, a: _mass(a, 0.3 * a["strut"]), "masses"),
     Question("telescope_mass", "mass of the telescope's two tubes together", "kg", 1e-3, 500,
-             _SCALE, TELESCOPE, lambda kind, a: _mass(kind, a, a["strut"]), "masses"),
+             _SCALE, TELESCOPE, lambda kind, a: _mass(a, a["strut"]), "masses"),
     Question("gear", "gear ratio of the motors; 1 if what follows is behind the gear", "", 0.01,
              1000, _SHEET, ROTARY, _constant(1.0), "motors"),
     Question("torque", "largest torque of a motor, before its gear", "N*m", 1e-5, 1e6,
