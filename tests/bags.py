@@ -101,15 +101,7 @@ def _ros1(path: Path, messages: Iterable[State], packed: str = "") -> Path:
     writer = rosbag1.Writer(path)
     if packed:
         writer.set_compression(writer.CompressionFormat[packed])
-    with writer:
-        topics: dict[str, Any] = {}
-        for k, message in enumerate(messages):
-            if message.topic not in topics:
-                topics[message.topic] = writer.add_connection(
-                    message.topic, message.type, typestore=_ROS_1
-                )
-            message.number = k
-            writer.write(topics[message.topic], message.received, message.raw(ros1=True))
+    _write(writer, messages, ros1=True)
     return path
 
 
@@ -125,15 +117,21 @@ def _ros2(
     if packed:
         mode = rosbag2.CompressionMode[packed]
         writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+    _write(writer, messages, ros1=False)
+    return path
+
+
+def _write(writer: Any, messages: Iterable[State], *, ros1: bool) -> None:
+    """All messages, which are numbered in ROS 1, with a connection for each topic."""
+    topics: dict[str, Any] = {}
     with writer:
-        topics: dict[str, Any] = {}
-        for message in messages:
+        for k, message in enumerate(messages):
             if message.topic not in topics:
                 topics[message.topic] = writer.add_connection(
-                    message.topic, message.type, typestore=_ROS_2
+                    message.topic, message.type, typestore=_ROS_1 if ros1 else _ROS_2
                 )
-            writer.write(topics[message.topic], message.received, message.raw())
-    return path
+            message.number = k
+            writer.write(topics[message.topic], message.received, message.raw(ros1))
 
 
 def _mcap(path: Path, messages: Iterable[State], packed: str = "LZ4", **options: Any) -> Path:
