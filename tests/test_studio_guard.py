@@ -7,6 +7,16 @@ import pytest
 from deltaid.studio.server import Guard
 
 
+def _scope(headers: list[tuple[str, str]], query: str = "", kind: str = "http", path: str = "/"):
+    """A request as the server hands it on."""
+    return {
+        "type": kind,
+        "path": path,
+        "query_string": query.encode(),
+        "headers": [(name.encode(), value.encode()) for name, value in headers],
+    }
+
+
 def _asked(headers: list[tuple[str, str]], query: str = "", kind: str = "http"):
     """What the guard of a server on port 8090 answers, whose key and cookie are 'word'."""
     sent: list[dict] = []
@@ -17,15 +27,9 @@ def _asked(headers: list[tuple[str, str]], query: str = "", kind: str = "http"):
     async def send(message) -> None:
         sent.append(message)
 
-    scope = {
-        "type": kind,
-        "path": "/",
-        "query_string": query.encode(),
-        "headers": [(name.encode(), value.encode()) for name, value in headers],
-    }
     guard = Guard(inner, 8090)
     guard.key = guard._secret = "word"
-    asyncio.run(guard(scope, None, send))
+    asyncio.run(guard(_scope(headers, query, kind), None, send))
     return sent[0]
 
 
@@ -79,9 +83,7 @@ def test_a_key_becomes_a_cookie_once_and_leaves_the_address() -> None:
 
     def ask(query: str, path: str = "/") -> dict:
         sent.clear()
-        headers = [(b"host", b"127.0.0.1:8090")]
-        scope = {"type": "http", "path": path, "query_string": query.encode(), "headers": headers}
-        asyncio.run(guard(scope, None, send))
+        asyncio.run(guard(_scope([OWN], query, path=path), None, send))
         return sent[0]
 
     assert ask("key=wort")["status"] == 403
@@ -109,11 +111,9 @@ def test_an_answer_that_nobody_waits_for_is_no_error(left: bool) -> None:
     async def send(message) -> None:
         raise AssertionError(message)
 
-    pairs = [(name.encode(), value.encode()) for name, value in (OWN, COOKIE)]
-    scope = {"type": "http", "path": "/", "query_string": b"", "headers": pairs}
     guard = Guard(inner, 8090)
     guard._secret = "word"
-    asked = guard(scope, receive, send)
+    asked = guard(_scope([OWN, COOKIE]), receive, send)
     if left:
         asyncio.run(asked)
     else:
