@@ -35,6 +35,6 @@ def test_too_little_memory_is_said_in_one_message(tmp_path: Path, size: float) -
     assert list(tmp_path.iterdir()) == [log]
 
 
-def test_what_needs_little_works(tmp_path: Path) -> None:
+def test_what_needs_little_works() -> None:
     assert limited(1e9, "robots").stdout.count("\n") > 5
     assert limited(1e9, "identify", "--help").returncode == 0

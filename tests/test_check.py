@@ -253,7 +253,7 @@ def test_identify_refuses_what_is_wrong_in_the_words_of_the_check(tmp_path: Path
     assert forced.model.warnings[0] == words.sentence
 
 
-def test_identify_begins_with_what_is_doubtful(tmp_path: Path) -> None:
+def test_identify_begins_with_what_is_doubtful() -> None:
     log = moved("clavel-delta3", pace=1 / 15)
     result = deltaid.identify("clavel-delta3", log)
     poor = [verdict for verdict in result.verdicts if verdict.grade is not Grade.GOOD]

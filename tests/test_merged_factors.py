@@ -124,7 +124,7 @@ def test_tolerances_widen_intervals_from_files_as_well(tmp_path: Path) -> None:
     assert max(geometry) > 0.3
 
 
-def test_a_lag_is_as_sure_as_in_the_recording(tmp_path: Path) -> None:
+def test_a_lag_is_as_sure_as_in_the_recording() -> None:
     robot = load_robot("clavel-delta3")
     one = gathered(robot, recorded(robot, 7, late=2e-3), settings=PLAIN)
     assert any(correction.kind == "lag" for correction in one.record.model.corrections)

@@ -275,7 +275,7 @@ def mechanism(z):
 """
 
 
-def test_the_tools_range_need_not_contain_zero(heli4, tmp_path):
+def test_the_tools_range_need_not_contain_zero(heli4):
     data = heli4.model_dump(exclude_none=True)
     data["mechanism"] |= {"angle_deg": (20.0, 120.0), "sha256": None}
     robot = bound(RobotDescription.model_validate(data), "heli4.yaml")

@@ -56,7 +56,7 @@ def test_a_path_in_quarantine(tmp_path: Path, words: str) -> None:
     assert words * (200 // len(words) + 1) not in message
 
 
-def test_text_of_a_recording_in_memory(tmp_path: Path) -> None:
+def test_text_of_a_recording_in_memory() -> None:
     import deltaid
 
     table = pl.DataFrame({"t": [0.0, 1.0], "x y " * 1000: ["a", "b"]})

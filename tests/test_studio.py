@@ -99,7 +99,7 @@ def test_a_plan_that_is_broken_is_said_with_its_place(folder: Folder) -> None:
         Store(folder)
 
 
-def test_at_most_one_recording_verifies(folder: Folder) -> None:
+def test_at_most_one_recording_verifies() -> None:
     plan = Plan().with_recording(Used(file="a.csv", use="verify"))
     plan = plan.with_recording(Used(file="b.csv", use="verify"))
     assert plan.verified.file == "b.csv"

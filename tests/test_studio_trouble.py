@@ -243,7 +243,7 @@ def test_a_folder_that_may_not_be_written_to_is_said(tmp_path: Path) -> None:
     assert "/proc/self: cannot be used" in said
 
 
-def test_a_robot_that_does_not_reach_stays_and_says_why(tmp_path: Path) -> None:
+def test_a_robot_that_does_not_reach_stays_and_says_why() -> None:
     found = stage("clavel-delta3", "")
     assert [axis.name for axis in found.axes] == ["x", "y", "z"]
     view, home = robot_at("clavel-delta3", "", found.home, found.home)
