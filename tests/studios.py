@@ -14,17 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-import pytest
 
-from visit import BROWSERS_OWN, CHROMIUM, chromium
+from visit import BROWSERS_OWN, chromium
 
 SOURCE = Path(__file__).parents[1] / "src"
 ENTRY = "from deltaid.cli import main; main()"
-# Marks of a module whose tests visit a studio.
-VISITS = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path"),
-]
 
 
 class Studio:

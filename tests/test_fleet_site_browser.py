@@ -9,12 +9,9 @@ from playwright import sync_api
 
 from fleet_tables import TYPES, write, write_tables
 from html_page import HOSTILE
-from visit import CHROMIUM, Visit
+from visit import VISITS, Visit
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path"),
-]
+pytestmark = VISITS
 
 
 @pytest.fixture(scope="module")

@@ -10,12 +10,9 @@ import pytest
 from matplotlib.image import imread
 
 from command import run
-from visit import CHROMIUM, Visit
+from visit import VISITS, Visit
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path"),
-]
+pytestmark = VISITS
 
 PAGES = ("identify", "validate", "excite", "sensors", "forces", "simulate", "compare-controllers")
 

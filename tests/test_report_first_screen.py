@@ -14,10 +14,9 @@ from deltaid.model.verdict import Grade, Verdict
 from deltaid.view.check import short_table
 from deltaid.view.html import write_page
 from deltaid.view.model_pages import validation_page
-from visit import CHROMIUM, Visit
+from visit import VISITS, Visit
 
-NO_CHROMIUM = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on the path")
-pytestmark = [NO_CHROMIUM, pytest.mark.slow]
+pytestmark = VISITS
 
 BODIES = ("U", "S", "P", "TU", "TL", "EE")
 VERDICT = "Good: predicts torques of an unseen motion within"

@@ -12,7 +12,8 @@ from deltaid.model.model import load
 from deltaid.studio.folder import Folder
 from deltaid.studio.runs import runs
 from logs import recorded
-from studios import VISITS, Studio, Visitor, foreign, visited
+from studios import Studio, Visitor, foreign, visited
+from visit import VISITS
 
 pytestmark = VISITS
 LATE, TURNED = 4, 2

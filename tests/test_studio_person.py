@@ -11,7 +11,8 @@ from deltaid.model.model import load
 from deltaid.studio.folder import Folder
 from deltaid.studio.runs import runs
 from logs import recorded
-from studios import GEAR, TORQUE_CONSTANT, VISITS, Visitor, german, visited
+from studios import GEAR, TORQUE_CONSTANT, Visitor, german, visited
+from visit import VISITS
 
 pytestmark = VISITS
 # Rows that the model is fitted to; a proposed fix is judged by rows held out, so not too few.

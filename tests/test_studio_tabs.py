@@ -8,7 +8,8 @@ from playwright import sync_api
 
 from deltaid.robot.load import catalogue_text
 from logs import recorded
-from studios import VISITS, Visitor, foreign, visited
+from studios import Visitor, foreign, visited
+from visit import VISITS
 
 pytestmark = VISITS
 
