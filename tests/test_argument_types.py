@@ -69,6 +69,26 @@ def test_online_settings_name_the_setting(wrong: dict[str, Any], message: str) -
     assert str(refused.value) == message
 
 
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"unit_q": 5}, "arrays, unit_q: must be a unit, or one for each drive, not 5"),
+        ({"extra": [0.0]}, "arrays, extra: must be a dictionary of arrays, not [0.0]"),
+        ({"name": 3}, "name: must be the name of the recording, not 3"),
+    ],
+)
+def test_a_recording_names_the_argument(wrong: dict[str, Any], message: str) -> None:
+    still = np.zeros((3, 3))
+    with pytest.raises(DeltaidError) as refused:
+        deltaid.Recording.from_arrays(**{"q": still, "tau": still, "rate": 1e3} | wrong)
+    assert str(refused.value) == message
+
+
+def test_an_online_cycle_names_its_rate() -> None:
+    with pytest.raises(DeltaidError, match="rate: must be a number, not '1 kHz'"):
+        deltaid.OnlineSettings().at_rate("1 kHz")  # type: ignore[arg-type]
+
+
 def test_numbers_of_drives_may_be_arrays_and_whole() -> None:
     settings = deltaid.OnlineSettings(rate=500, noise=np.full(3, 0.1), delay=(0, 1e-3, 0))  # type: ignore[arg-type]
     assert settings.period == 0.002

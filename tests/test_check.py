@@ -248,7 +248,7 @@ def test_identify_refuses_what_is_wrong_in_the_words_of_the_check(tmp_path: Path
     with pytest.raises(deltaid.DeltaidError) as error:
         deltaid.identify(robot, log)
     assert words.seen in str(error.value)
-    assert "bodies.P.prior[0].mass: 1" in str(error.value)
+    assert "bodies.P.prior[1].mass: 1" in str(error.value)
     forced = deltaid.identify(robot, log, force=True, settings=PLAIN)
     assert forced.model.warnings[0] == words.sentence
 

@@ -75,6 +75,11 @@ def test_numbers_that_are_not_finite_are_named(
             getattr(irb360, method)(*given)
         with pytest.raises(KinematicsError, match=rf"{name}\[0, 1\]: is {value:g}"):
             getattr(irb360, method)(*(array[2] for array in given))
+    if "q" in arguments:
+        q = state["q"].copy()
+        q[2, 1] = value
+        with pytest.raises(KinematicsError, match=rf"q\[2, 1\]: is {value:g}, not a finite"):
+            getattr(irb360, method)(q, *good[1:])
     if method != "regressor":
         p = prior_parameters(irb360.robot)
         p[-1] = value

@@ -85,6 +85,18 @@ def test_changes_in_python_are_refused_as_in_a_file(value: object) -> None:
         parse(CLAVEL, RobotDescription, where="").changed(platform_speed=value)
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "unit"),
+    [
+        ("platform_speed", 4000, "m/s cannot be; speeds are in metres per second"),
+        ("platform_acceleration", 40000, "m/s² cannot be; accelerations are in metres per second"),
+    ],
+)
+def test_limits_in_millimetres_are_refused(key: str, value: float, unit: str) -> None:
+    with pytest.raises(DescriptionError, match=f"{key}: {value} {unit}"):
+        parse(CLAVEL, RobotDescription, where="").changed(**{key: value})
+
+
 STUMBLING_BLOCKS = [
     ("!!bool foo", "line 10: has the tag"),
     ("!!int ''", "line 10: has the tag"),

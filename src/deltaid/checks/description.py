@@ -15,6 +15,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, listed
 from deltaid.recording.proposed_mapping import MOST_METRES
 from deltaid.robot.description import GRAVITY, RobotDescription
+from deltaid.robot.yaml_edit import place_in_words
 
 # Start values of unmeasured friction: Coulomb friction as a share of the gravity torque, and the
 # speed [rad/s or m/s] at which viscous friction equals it.
@@ -87,7 +88,8 @@ def checked_lengths(data: dict[str, Any]) -> Verdict:
     others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
     changes = tuple((place, float(f"{value * factor:.12g}")) for place, value in wrong if value)
     return _METRES.judged(
-        f"{path} is {value:g} m{others}, where limbs of about {size:.3g} m are likely",
+        f"{place_in_words(path)} is {value:g} m{others}, where limbs of about {size:.3g} m are "
+        "likely",
         path.partition(".")[0],
         abs(value),
         grade=Grade.WRONG,

@@ -39,6 +39,7 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.robot.tolerances import BY_EYE, Tolerances
+from deltaid.robot.yaml_edit import place_in_words
 
 # Verdicts on some excluded rows, whose spans the table of masks reports.
 _MASKED = {"standing", "saturation"}
@@ -155,7 +156,8 @@ def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence, f
                 text = pasted(subject.written_mapping, proposed)
                 lines += f"\ninto the mapping (--columns):\n{text}"
             else:
-                values = "".join(f"\n{path}: {value}" for path, value in proposed.items())
+                places = {place_in_words(path): value for path, value in proposed.items()}
+                values = "".join(f"\n{place}: {value}" for place, value in places.items())
                 lines += f"\nin the description:{values}"
         raise (DescriptionError if robot else RecordingError)(
             verdict.finding,

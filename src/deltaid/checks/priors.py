@@ -18,6 +18,7 @@ from deltaid.recording.survey_checks import FACTOR
 from deltaid.robot.body import ExplicitInertia, HollowCylinder, PointMass
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
+from deltaid.robot.yaml_edit import place_in_words
 from deltaid.sensors.weighings import Weighing, weighings
 
 # Largest and least density [kg/m³]: osmium has 22,600, foam some 30.
@@ -105,7 +106,7 @@ def _shape(
         if by_density:
             cause, cure = "a density in g/cm³", "give the density in kg/m³: 1000 times the number"
     return Fault("prior-scale", "kg/m³").judged(
-        f"{path} has a density of {density:.3g} kg/m³; {seen}",
+        f"{place_in_words(path)} has a density of {density:.3g} kg/m³; {seen}",
         name,
         density,
         grade=Grade.WRONG if density > _DENSEST else Grade.DOUBTFUL,
@@ -147,7 +148,8 @@ def _massive(path: str, name: str, mass: float, size: float, *, alone: bool) -> 
         return None
     fits = alone and mass / 1000 < largest
     return _MASS.judged(
-        f"{path} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have {largest:.3g} kg",
+        f"{place_in_words(path)} is {mass:.3g} kg; with limbs of {size:.3g} m few bodies have "
+        f"{largest:.3g} kg",
         name,
         mass,
         grade=graded(mass, largest, WRONG_SCALE * largest),

@@ -12,7 +12,7 @@ from deltaid.kernel.batch import RowKernel, row_kernel
 from deltaid.mechanism.composition import build_mechanism
 from deltaid.mechanism.forward import CLOSED, ForwardKinematics, forward_kinematics
 from deltaid.mechanism.mechanism import Mechanism
-from deltaid.mechanism.one_or_many import one_or_many
+from deltaid.mechanism.one_or_many import not_finite, one_or_many
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages, written
 from deltaid.mechanism.rotation import inverse
 from deltaid.mechanism.tree_joints import JointStates, PassiveJoints, TreeJoints, tree_joints
@@ -80,6 +80,8 @@ class Kinematics(Shown, Plotted):
         """
         solution = self._forward(q)
         bad = np.flatnonzero(~solution.closed)
+        for drive in np.flatnonzero(~np.isfinite(q[bad[:1]]))[:1].tolist():
+            raise not_finite("q", q, int(bad[0]), drive)
         if bad.size:
             raise KinematicsError(
                 f"no platform position closes the loops at q = {written(q[bad[0]])}"

@@ -140,11 +140,15 @@ def require_finite(**given: np.ndarray) -> None:
             there &= np.isfinite(given[pose]).all(axis=1, keepdims=True)
         wrong = ~np.isfinite(rows) & there
         for sample, drive in np.argwhere(wrong)[:1]:
-            raise KinematicsError(
-                f"is {rows[sample, drive]:g}, not a finite number",
-                where=f"{name}[{sample}, {drive}]",
-                cure="cut off the samples without a number, or fill them in",
-            )
+            raise not_finite(name, rows, int(sample), int(drive))
+
+
+def not_finite(name: str, rows: np.ndarray, sample: int, drive: int) -> KinematicsError:
+    return KinematicsError(
+        f"is {rows[sample, drive]:g}, not a finite number",
+        where=f"{name}[{sample}, {drive}]",
+        cure="cut off the samples without a number, or fill them in",
+    )
 
 
 def _is_finite(rows: np.ndarray) -> bool:

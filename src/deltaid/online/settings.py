@@ -128,6 +128,7 @@ class OnlineSettings:
 
     def at_rate(self, rate: float) -> "OnlineSettings":
         """The settings at another rate, with a corner of at most a fifth of it."""
+        typed("rate", rate, Real, "a number")
         return replace(self, rate=rate, corner=min(self.corner, rate / _CYCLES))
 
     @property

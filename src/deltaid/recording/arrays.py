@@ -1,12 +1,12 @@
 """Converts arrays to columns of a recording: checks shapes, numbers, times and units."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, typed
 from deltaid.mechanism.one_or_many import real_numbers
 
 # One unit for all drives, or one unit per drive.
@@ -96,6 +96,7 @@ def extra_columns(
     Args:
         taken: names of the other columns.
     """
+    typed(f"{name}, extra", given, Mapping, "a dictionary of arrays")
     for key in given:
         if key in taken:
             raise RecordingError(
@@ -166,6 +167,7 @@ def units_of(
             raise RecordingError(
                 f"{key} is not given", where=where, cure=f"omit unit_{key} or give {key}"
             )
+        typed(where, unit, Iterable, "a unit, or one for each drive")
         drives = arrays[key].shape[1]
         each = [unit] * drives if isinstance(unit, str) else list(unit)
         if len(each) != drives:

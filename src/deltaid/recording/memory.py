@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, typed
 from deltaid.forked import require_threads
 from deltaid.recording.arrays import (
     Units,
@@ -122,6 +122,7 @@ class Recording(Shown, Plotted, Tabled):
             RecordingError: shapes do not fit, an array holds no numbers, or neither or both of t
                 and rate are given. Values and units are checked when the recording is used.
         """
+        typed("name", name, str, "the name of the recording")
         given = {"q": q, "qd": qd, "qdd": qdd, "tau": tau}
         arrays = {
             key: numbers_of(value, f"{name}, {key}")

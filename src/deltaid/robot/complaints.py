@@ -57,7 +57,7 @@ class _Complaint:
 
 
 def key_path(path: Iterable[int | str]) -> str:
-    """Keys as 'bodies.EE.measured[1].mass': entries of lists count from 1."""
+    """Keys as 'bodies.EE.measured[1].mass': in messages, entries of lists count from 1."""
     keys = [f"[{key + 1}]" if isinstance(key, int) else f".{key}" for key in path]
     return "".join(keys).removeprefix(".")
 

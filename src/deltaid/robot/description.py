@@ -24,6 +24,7 @@ from deltaid.robot.own import OwnMechanism
 from deltaid.robot.parameter import SLIDING, TURNING, JointUnits
 from deltaid.robot.part import (
     TOOL_SPEED,
+    Acceleration,
     Coordinate,
     Gravity,
     JointKind,
@@ -120,7 +121,7 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         default_factory=dict, description="what each drive can do: drive1, drive2, …"
     )
     platform_speed: Speed = Field(default=5.0, description="largest speed along an axis, m/s")
-    platform_acceleration: Positive = Field(
+    platform_acceleration: Acceleration = Field(
         default=50.0, description="largest acceleration along an axis, m/s²"
     )
     strut_swing_deg: Annotated[float, Field(gt=0, lt=90)] | None = Field(

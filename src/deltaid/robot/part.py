@@ -146,6 +146,7 @@ _SMALLEST = 1.0 / LARGEST
 _LONGEST, _SHORTEST = 100.0, 1e-6  # lengths [m]
 _HEAVIEST, _LIGHTEST = 1e6, 1e-9  # masses [kg]
 _FASTEST = 300.0  # speeds [m/s]
+_QUICKEST = 5e3  # accelerations [m/s²]
 _STRONGEST = 100.0  # gravity [m/s²]
 # Default limits of a tool's speed [°/s] and acceleration [°/s²].
 TOOL_SPEED, TOOL_ACCELERATION = 1500.0, 30_000.0
@@ -229,6 +230,11 @@ Speed = Annotated[
     Positive,
     limited(0.0, _FASTEST, "{:g} m/s cannot be; speeds are in metres per second"),
     schema_limits(minimum=_SMALLEST, maximum=_FASTEST),
+]
+Acceleration = Annotated[
+    Positive,
+    limited(0.0, _QUICKEST, "{:g} m/s² cannot be; accelerations are in metres per second squared"),
+    schema_limits(minimum=_SMALLEST, maximum=_QUICKEST),
 ]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Point = tuple[Position, Position, Position]

@@ -19,6 +19,7 @@ from ruamel.yaml.nodes import CollectionNode, MappingNode, Node, ScalarNode, Seq
 from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from deltaid.errors import DescriptionError
+from deltaid.robot.complaints import key_path
 from deltaid.robot.yaml_tree import plain, read_tree
 
 Data = dict[str, Any]
@@ -90,6 +91,11 @@ def with_changes(data: Data, proposed: Mapping[str, object]) -> Data:
 def steps_of(path: str) -> list[Any]:
     """Split a path: 'torque[1].sign' gives ['torque', 1, 'sign']."""
     return [int(step) if step.isdigit() else step for step in re.findall(r"[^.\[\]]+", path)]
+
+
+def place_in_words(path: str) -> str:
+    """The path as messages have it, where entries of lists count from 1."""
+    return key_path(steps_of(path))
 
 
 def edited(text: str, proposed: Mapping[str, object], wanted: Data, where: str) -> str:
