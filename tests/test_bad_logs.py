@@ -163,6 +163,11 @@ BAD_TEXT = {
         "row 90: column q1 is 0 rad for 3 rows, between ",
         "no motion, and so in 1 more places of ",
     ),
+    "a number for none": (
+        reduce(lambda log, row: with_field(row, "tau2", "-9999", log), (90, 120, 151, 200), GOOD),
+        "row 90: column tau2 is -9999 there and again",
+        "remove these rows",
+    ),
     "joined runs": (
         text(JOINED.with_columns(t=recorded(ROWS)["t"])),
         "row 152: column q2 jumps by ",

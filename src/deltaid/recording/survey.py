@@ -115,6 +115,7 @@ class Survey:
         differentiated = not (c.velocity and c.acceleration)
         require_rate(self.table, column, clock.rate, differentiated=differentiated)
         self._check_constant()
+        self._refuse_placeholders()
         of_sensors = [*self._check_sensors()]
         self.warnings += [
             *self.derivatives.warnings(str(self.table.path)),
@@ -202,6 +203,16 @@ class Survey:
         self.spectrum += spectrum
         known = 1 + dof * (1 + bool(c.velocity) + bool(c.velocity and c.acceleration))
         self.derivatives.add(values[:, 0], values[:, 1 : known - dof], values[:, 1 + dof : known])
+
+    def _refuse_placeholders(self) -> None:
+        for drive, torque, row in self.search.placeholders() if self.search else ():
+            channel = self.columns.torque[drive]
+            raise RecordingError(
+                f"column {channel.column} is {torque / channel.scale + channel.zero:g} there and "
+                "again, far beyond all its other numbers: that stands for a missing one",
+                where=self.table.row_place(self.table.first_row + row),
+                cure="remove these rows",
+            )
 
     def _check_constant(self) -> None:
         c, resting = self.columns, self.low == self.high

@@ -209,6 +209,13 @@ class MaskSearch:
             top.add(torque, updated, first)
             bottom.add(-torque, updated, first)
 
+    def placeholders(self) -> Iterator[tuple[int, float, int]]:
+        """Drives with numbers in the place of missing torques: the number and its first row."""
+        for i, (top, bottom) in enumerate(self._ends if self._rest else ()):
+            for end, other, sign in ((top, bottom, 1.0), (bottom, top, -1.0)):
+                if end.is_placeholder(other.level):
+                    yield i, sign * end.level, end.first_row
+
     def runs(self) -> list[Exclusion]:
         rest, everyone = self._rest, tuple(range(self._dof))
         if rest is None:

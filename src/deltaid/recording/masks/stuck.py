@@ -26,6 +26,8 @@ from deltaid.recording.masks.masks import NONE, Mask, Runs, as_runs, joined, run
 _NEXT_TO, _OFTEN = 4, 8
 # Fewest equal samples at an extreme.
 _EQUAL = 4
+# An extreme that is so many times the next torque is none: a channel's end lies next to others.
+_BEYOND = 10.0
 # Largest ratio of repetitions to changes of the torque away from its extremes.
 _STAYS = 0.25
 # Least extreme at the end of a channel, as a share of the largest torque.
@@ -76,6 +78,18 @@ class Extreme:
     @property
     def level(self) -> float:
         return max(self._levels, default=-np.inf)
+
+    def is_placeholder(self, other: float) -> bool:
+        """Whether the extreme stands for a missing torque: often and far beyond all others, of
+        which `other` is at the other end."""
+        (top, count), *others = self._levels.items()
+        largest = max(abs(other), *(abs(level) for level, _ in others), 0.0)
+        return count >= _EQUAL and abs(top) > _BEYOND * largest > 0
+
+    @property
+    def first_row(self) -> int:
+        """Of those at the extreme."""
+        return int(np.concatenate(self._runs)[0, 0])
 
     def runs(self, torque_max: float) -> Runs:
         """Rows at the extreme if it is the end of the channel; else none.
