@@ -89,6 +89,11 @@ BAD_TEXT = {
     "no header": ("\n".join(GOOD.split("\n")[1:]), "row 1: has no header"),
     "duplicated column": (GOOD.replace("q3", "q2", 1), "row 1: has 2 columns called q2"),
     "missing column": (GOOD.replace("tau2", "M2", 1), "row 1: has no column tau2", "--columns"),
+    "columns that count from 0": (
+        changed().replace("q1,q2,q3,tau1,tau2,tau3", "q0,q1,q2,tau0,tau1,tau2", 1),
+        "row 1: has no column q3, tau3",
+        "ROBOT` proposes which is which",
+    ),
     "no torques": (
         text(recorded(ROWS).drop("tau1", "tau2", "tau3")),
         "row 1: has no torque columns",

@@ -184,7 +184,8 @@ def resolved_table(
     try:
         columns = resolve_columns(table, linear, mapping, channels)
     except RecordingError as error:
-        if is_given or all(any(find(table.fields, n) for n in names) for names in mapping.needed):
+        named = all(any(find(table.fields, n) for n in names) for names in mapping.needed)
+        if is_given or (named and not find(table.fields, "q0")):  # q1 may be the second drive
             raise
         table, mapping = _proposed(table, linear, error)
         columns = resolve_columns(table, linear, mapping, channels)
