@@ -156,6 +156,8 @@ def test_a_sample_shows_shared_rows_of_recordings_of_any_length() -> None:
     kept = from_text(in_text(long))
     assert 0 < len(kept) < len(long)
     assert shared_rows(kept, sample_of(rows[20_000:])) == pytest.approx(2 / 3, abs=0.3)
+    excerpt = from_text(in_text(sample_of(rows[10_000:25_000])))
+    assert shared_rows(kept, excerpt) == shared_rows(excerpt, kept) == 1.0
     assert shared_rows(kept, sample_of(rows[40_000:])) == 0.0
     assert from_text(in_text(sample_of(rows[:3]))).tolist() == sample_of(rows[:3]).tolist()
 

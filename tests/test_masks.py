@@ -20,7 +20,7 @@ from deltaid.recording.masks.masks import (
     without,
 )
 from deltaid.recording.masks.search import MaskSearch
-from deltaid.recording.masks.stuck import bridge
+from deltaid.recording.masks.stuck import Extreme, bridge
 from deltaid.recording.recording import with_filter
 from interrupted import CLAVEL, IRB, by_hand, interrupted, opened, searched
 
@@ -282,3 +282,24 @@ def test_noise_is_judged_rightly_under_masks(tmp_path) -> None:
     np.testing.assert_allclose(error.rms_unfiltered, sigma, rtol=0.05)
     together = np.mean((information.rms(clean.truth) / expected) ** 2)
     np.testing.assert_allclose(together, 1.0, atol=0.15)
+
+
+@pytest.mark.parametrize(
+    ("torques", "other", "is_placeholder"),
+    [
+        ([9999.0] * 4, 3.0, True),
+        ([9999.0] * 3, 3.0, False),  # outliers
+        ([9999.0] * 4, -2000.0, False),
+        ([29.0] * 4, 3.0, False),  # the end of a channel
+        ([1.0] * 4, -0.0, False),  # a channel of two numbers, without the torques of `usual`
+    ],
+)
+def test_a_number_far_beyond_all_others_is_none(
+    torques: list[float], other: float, is_placeholder: bool
+) -> None:
+    usual = np.zeros(20) if torques[0] == 1 else np.linspace(-3, 3, 20)
+    values = np.concatenate([usual, torques])
+    top = Extreme()
+    top.add(values, np.ones(len(values), dtype=bool), 0)
+    assert top.is_placeholder(other) == is_placeholder
+    assert top.first_row == 20
