@@ -105,13 +105,13 @@ def along_cable(x: np.ndarray, a: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("pull", "is_cable", "seed"),
-    [(5.0, True, 1), (5.0, True, 2), (5.0, True, 9), (1e-4, False, 1), (-5.0, False, 1)],
+    [(5.0, True, 1), (5.0, True, 9), (5.0, True, 17), (1e-4, False, 1), (-5.0, False, 1)],
 )
 def test_a_cable_is_found_if_it_pulls(
     pull: float, is_cable: bool, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From any direction, also where another direction far away explains more than those near it;
-    seeds 1 and 9 have several maxima."""
+    seeds 1, 9 and 17 have several maxima."""
     dynamics, rng = compiled(described("clavel-delta3")), np.random.default_rng(seed)
     way = rng.standard_normal(3)
     true = way / np.linalg.norm(way) * rng.uniform(0.7, 2.4)
