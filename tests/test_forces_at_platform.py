@@ -140,6 +140,7 @@ def test_a_cable_is_corrected_as_its_stiffness_and_its_pull_at_home() -> None:
     cable = Cable(dynamics, (), (1.0,) * 5, (0.0, 0.6, 0.8, 5.0, 30.0))
     spring, pull = cable.to_corrections(parameters(5.0, 30.0, 0.1, 0.0, 0.0))
     assert (spring.kind, spring.value, spring.low) == ("platform-spring", 30.0, 29.0)
+    assert spring.unit == "N/m"
     assert (pull.kind, pull.unit) == ("platform-force", "N")
     # the anchor is 0.1 m to the side, so that the pull turns by 0.1 rad
     assert pull.value == pytest.approx(5.0 * np.hypot(1.0, 0.1))

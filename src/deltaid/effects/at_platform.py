@@ -88,12 +88,11 @@ class PlatformSpring(AtPlatform):
     """A part of f − K x."""
 
     kind = "platform-spring"
-    units = ("N/m",)
     text: ClassVar[str]
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         largest = max((entry.value for entry in judged), key=abs)
-        return (self.correction("platform", largest, judged, self.units[0], self.text),)
+        return (self.correction("platform", largest, judged, "N/m", self.text),)
 
 
 class IsotropicSpring(PlatformSpring):
