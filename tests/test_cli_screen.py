@@ -9,7 +9,7 @@ import pytest
 from rich.cells import cell_len
 
 from command import run
-from deltaid.cli.output import print_found
+from deltaid.cli.output import error_console, print_found, remark
 from deltaid.view.page import Table
 from drifting import write_months
 from identified import identified
@@ -126,3 +126,17 @@ def test_a_comparison_with_a_load_fits_a_screen() -> None:
     lines = run("compare-controllers", *given, terminal=True).out.splitlines()
     assert "worst load" in lines[1]
     assert max(map(cell_len, lines)) <= 80
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_remarks_are_folded_at_words_in_a_terminal_only(
+    is_terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(error_console, "_force_terminal", is_terminal)
+    monkeypatch.setattr(error_console, "_width", 40)
+    monkeypatch.setattr(error_console, "_height", 25)
+    text = "log.csv: time starts again in one place; likeliest cause: two recordings in one file"
+    remark("warning", text)
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().err).splitlines()
+    assert " ".join(" ".join(lines).split()) == f"warning: {text}"
+    assert (max(map(cell_len, lines)) <= 40) == (len(lines) > 1) == is_terminal

@@ -65,9 +65,11 @@ error_console = LiteralConsole(stderr=True, highlight=False, soft_wrap=True)
 
 
 def remark(kind: str, *texts: object) -> None:
-    """Print remarks of a kind on standard error, one line each, so that --json stays clean."""
+    """Print remarks of a kind on standard error, so that --json stays clean: one line each, folded
+    at words in a terminal."""
     for text in texts:
-        error_console.print(styled(f"{kind}:", _STYLES[kind]), str(text))
+        mark, in_one = styled(f"{kind}:", _STYLES[kind]), not error_console.is_terminal
+        error_console.print(mark, str(text), soft_wrap=in_one)
 
 
 @contextmanager
