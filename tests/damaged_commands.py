@@ -196,8 +196,10 @@ def make_inputs(folder: Path) -> Path:
             kind.save(folder / kind.name)
     (folder / "log.csv.gz").write_bytes(gzip.compress((folder / "log.csv").read_bytes()))
     for k, day in enumerate(DAYS):
-        write(folder / f"day-{day}.csv", recorded(700 + 100 * k))
-        write(folder / f"day-{day}.parquet", recorded(800 + 100 * k))
+        for suffix, samples in (("csv", 700), ("parquet", 800)):
+            table = recorded(samples + 100 * k)  # with other torques, or one would be an excerpt
+            other = table.with_columns(pl.col("tau1", "tau2", "tau3") * (1 + 1e-3 * k))
+            write(folder / f"day-{day}.{suffix}", other)
     _gathered(folder)
     return folder
 
