@@ -68,7 +68,8 @@ def test_a_table_of_pandas(frame: pl.DataFrame) -> None:
 def test_an_index_of_pandas_that_is_the_time_is_a_column(frame: pl.DataFrame) -> None:
     pandas = pytest.importorskip("pandas")
     table = pandas.DataFrame({name: frame[name].to_numpy() for name in frame.columns})
-    np.testing.assert_array_equal(samples(table.set_index("t")), frame.to_numpy())
+    for by_time in (table.set_index("t"), table.set_index("t").rename_axis(None)):
+        np.testing.assert_array_equal(samples(by_time), frame.to_numpy())
     lapse = pandas.to_timedelta(1e9 * table.pop("t").round(6), unit="ns")
     np.testing.assert_allclose(samples(table.set_index(lapse.to_numpy())), frame.to_numpy())
     assert "has no time" in refusal(samples, table)

@@ -207,11 +207,12 @@ def _from_pandas(table: PandasTable, name: str) -> pl.DataFrame:
 
 
 def _index_name(table: PandasTable) -> str:
-    """Name of the index as a column: its own, or t if it holds times; empty if it is no column."""
+    """Name of the index as a column: its own, or t if it holds dates, durations or numbers with a
+    point; empty if it is no column."""
     index, names = table.index, {*map(str, table.columns)}
     if index.name is not None:
         return str(index.name)
-    times = index.nlevels == 1 and index.dtype.kind in "mM" and not names & {"t", "time"}
+    times = index.nlevels == 1 and index.dtype.kind in "mMf" and not names & {"t", "time"}
     return "t" if times else ""
 
 
