@@ -156,9 +156,8 @@ def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence, f
                 text = pasted(subject.written_mapping, proposed)
                 lines += f"\ninto the mapping (--columns):\n{text}"
             else:
-                places = {place_in_words(path): value for path, value in proposed.items()}
-                values = "".join(f"\n{place}: {value}" for place, value in places.items())
-                lines += f"\nin the description:{values}"
+                values = [f"\n{place_in_words(path)}: {x}" for path, x in proposed.items()]
+                lines += f"\nin the description:{''.join(values)}"
         raise (DescriptionError if robot else RecordingError)(
             verdict.finding,
             where=subject.name if robot else str(subject.table.path),

@@ -68,8 +68,8 @@ def remark(kind: str, *texts: object) -> None:
     """Print remarks of a kind on standard error, so that --json stays clean: one line each, folded
     at words in a terminal."""
     for text in texts:
-        mark, in_one = styled(f"{kind}:", _STYLES[kind]), not error_console.is_terminal
-        error_console.print(mark, str(text), soft_wrap=in_one)
+        mark = styled(f"{kind}:", _STYLES[kind])
+        error_console.print(mark, str(text), soft_wrap=not error_console.is_terminal)
 
 
 @contextmanager

@@ -68,9 +68,9 @@ def source(
 def repeated(sources: Sequence[Source], sha256: str, rows: str) -> Source | None:
     """The source that a recording with this checksum and these numbers of rows is a copy or an
     excerpt of, or the other way round; None if it has other rows."""
+    sample = from_text(rows)
     for source in sources:
-        share = shared_rows(from_text(source.rows), from_text(rows))
-        if source.sha256 == sha256 or share >= REPEATED:
+        if source.sha256 == sha256 or shared_rows(from_text(source.rows), sample) >= REPEATED:
             return source
     return None
 
