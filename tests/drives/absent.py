@@ -22,6 +22,7 @@ CAUSES_OF: dict[str, frozenset[str]] = {
     "askew": frozenset({"structure"}),
     "heavy-limb": frozenset({"limb"}),
     "presliding": frozenset({"presliding"}),
+    "ball-joints": frozenset({"joint-friction"}),
 }
 
 

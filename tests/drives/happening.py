@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from drives.pulls import Balancer, Cable, Hose
+from drives.pulls import Balancer, BallJoints, Cable, Hose
 from drives.robots import Machine
 from oracle.tree import Array
 from plants import Pace, Truth, paced
@@ -130,7 +130,7 @@ class Happening:
             an emergency stop.
         contacts: pushes.
         load, held: load at the tool, and spans in which it is held.
-        pulls: permanent forces of hoses, cables and balancers.
+        pulls: permanent forces of hoses, cables, balancers and ball joints.
         stiffness, backlash: of the gears (N m/rad, rad; N/m, m).
         hard: whether backlash changes sides with the sign of τ_l; else with its tanh.
         rhythm: pace of a motion with varying speed.
@@ -145,7 +145,7 @@ class Happening:
     contacts: Sequence[Contact] = ()
     load: Load | None = None
     held: Sequence[Span] = ()
-    pulls: Sequence[Hose | Cable | Balancer] = ()
+    pulls: Sequence[Hose | Cable | Balancer | BallJoints] = ()
     stiffness: Array | float = np.inf
     backlash: Array | float = 0.0
     hard: bool = False

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 from drives.made import Made
-from drives.pulls import Balancer, Cable, Hose
+from drives.pulls import Balancer, BallJoints, Cable, Hose
 from drives.robots import Machine
 from drives.rows import unit
 from oracle.tree import Array, Body
@@ -72,6 +72,15 @@ def cable(made: Made, rng: np.random.Generator, size: float) -> Made:
                  length - size * unit(m) / stiffness)  # fmt: skip
     return made.but(f"cable of {length:.2g} m along {np.round(way, 2).tolist()}",
                     pulls=(*made.happening.pulls, pull))  # fmt: skip
+
+
+def ball_joints(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """Dry friction of the ball joints at both ends of the struts (N m at each end of a limb of the
+    IRB 360 class); at the platform it is 0.7 to 1.4 times that on the arm."""
+    m, other = made.machine, float(np.exp(rng.uniform(*np.log([0.7, 1.4]))))
+    moment = size * unit(m) * m.robot.limbs.geometry()[0].strut / _STRUT
+    pulls = (*made.happening.pulls, BallJoints(m.plant.oracle, moment, other * moment))
+    return made.but(f"ball joints of {moment:.2g} and {other * moment:.2g} N m", pulls=pulls)
 
 
 def balancer(made: Made, rng: np.random.Generator, size: float) -> Made:

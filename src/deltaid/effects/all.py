@@ -10,6 +10,7 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.effects.along_motion import AlongMotion, FittedTorques
 from deltaid.effects.at_drives import DriveSpring, RippleColumns
 from deltaid.effects.at_platform import FORCES, Cable, platform_forces
+from deltaid.effects.ball_joints import BallJointFriction, RubbingJoints, of_ball_joints
 from deltaid.effects.delay import Delay
 from deltaid.effects.drift import Drift
 from deltaid.effects.effect import Cause, Effect
@@ -41,6 +42,7 @@ EFFECTS: tuple[Effect, ...] = (
     GainOverTime(),
     FrictionLaw(),
     YieldingFriction(),
+    RubbingJoints(),
     Drift(),
     Zero(),
     PlaceDependence(),
@@ -73,16 +75,17 @@ ALONG_MOTION: tuple[type[AlongMotion], ...] = (
     Presliding,
     *FORCES,
     Cable,
+    BallJointFriction,
 )
 
 
 def unknowns_at(point: TracePoint) -> tuple[UnknownEffect, ...]:
     """All effects of the contest; those along the motion have a prior of 1 in their units."""
     dynamics, every = point.dynamics, tuple(range(point.dof))
-    fastest = float(np.linalg.norm(point.platform, axis=1).max(initial=1e-9))
     spring = DriveSpring(dynamics, every, (1.0,) * point.dof)
-    forces = (Added(force.name, force) for force in platform_forces(dynamics, fastest))
-    return (*UNKNOWNS, Added(spring.name, spring), Presliding.along(point), *forces)
+    forces = platform_forces(dynamics, point.fastest_platform)
+    along = (spring, *forces, *of_ball_joints(point))
+    return (*UNKNOWNS, Presliding.along(point), *(Added(effect.name, effect) for effect in along))
 
 
 def as_fitted(dynamics: Dynamics, record: FittedEffect) -> FittedTorques:

@@ -88,6 +88,10 @@ class TracePoint:
         J_x = self.dynamics.kinematics.platform_jacobian(self.motion.z)
         return np.einsum("sij,sj->si", J_x, self.motion.qd)
 
+    @property
+    def fastest_platform(self) -> float:
+        return float(np.linalg.norm(self.platform, axis=1).max(initial=_RESTS))
+
     @cached_property
     def model(self) -> OfDrives:
         return self.trace.model(self.p)

@@ -15,7 +15,13 @@ from deltaid.mechanism.mechanism import Mechanism
 from deltaid.mechanism.one_or_many import not_finite, one_or_many
 from deltaid.mechanism.regularity import SINGULAR_CONDITION, Regularity, passages, written
 from deltaid.mechanism.rotation import inverse
-from deltaid.mechanism.tree_joints import JointStates, PassiveJoints, TreeJoints, tree_joints
+from deltaid.mechanism.tree_joints import (
+    BallJoints,
+    JointStates,
+    PassiveJoints,
+    TreeJoints,
+    tree_joints,
+)
 from deltaid.robot.load import RobotLike, described
 from deltaid.shown import Plotted, Shown
 
@@ -263,6 +269,11 @@ class Kinematics(Shown, Plotted):
         """Passive joints with friction."""
         names = [joint for joint in self.robot.friction_joints if joint not in self.robot.drives]
         return PassiveJoints(self.mechanism, names)
+
+    @cached_property
+    def ball_joints(self) -> BallJoints:
+        """Ball joints at the ends of struts."""
+        return BallJoints(self.mechanism)
 
     @cached_property
     def _platform_kernel(self) -> RowKernel:

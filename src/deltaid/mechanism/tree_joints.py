@@ -11,7 +11,7 @@ is a function of z:
     platform_x, middle_x, part1_x, tool_x, …   position of a part of the platform in the world
 
 `JointStates` has their values, in the form of a ROS joint state message; `PassiveJoints` evaluates
-how joints without a drive move along a motion.
+how joints without a drive move along a motion, and `BallJoints` what those of struts lose.
 """
 
 from collections.abc import Sequence
@@ -192,3 +192,38 @@ class PassiveJoints:
     ) -> JointRates:
         """Joint motion at samples of a motion."""
         return JointRates(*self._kernel.rows(z, qd, qdd))
+
+
+class BallJoints:
+    """Ball joints at both ends of each limb's struts, which turn at ω_e on the arm or carriage and
+    at ω_p on the platform, whose parts keep their orientation.
+
+    A strut is free to turn about its own axis, so it turns half as fast as the arm does about that
+    axis: friction is then the same at both ends.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        s, at_rest = mechanism.speeds, ca.SX.sym("at_rest")
+        on_arms, on_platform = ca.SX(0), ca.SX(0)
+        along = s.by_drives()
+        for limb in mechanism.limbs:
+            strut, driven = limb.strut.rotation, limb.driven.rotation
+            of_driven = strut.R.T @ (driven.R @ driven.w)
+            at_platform = ca.vertcat(0.5 * of_driven[0], strut.w[1:])
+            w = along(ca.horzcat(at_platform, at_platform - of_driven))
+            on_platform += ca.sqrt(ca.sumsqr(w[:, 0]) + at_rest**2)
+            on_arms += ca.sqrt(ca.sumsqr(w[:, 1]) + at_rest**2)
+        slopes = ca.jacobian(ca.vertcat(on_arms, on_platform), s.q.u).T
+        self._kernel = RowKernel((mechanism.z, s.q.u), (ca.horzsplit(ca.densify(slopes)),), at_rest)
+
+    def torques(
+        self, z: Samples, qd: Samples, at_rest: float
+    ) -> Float[np.ndarray, "samples dof 2"]:
+        """Torques of the drives against 1 N m in each joint on arms or carriages, and on the
+        platform: ∂/∂q̇ Σ |ω_e| and ∂/∂q̇ Σ |ω_p|.
+
+        Args:
+            z, qd: samples of a motion.
+            at_rest: rate below which a joint hardly turns [rad/s].
+        """
+        return self._kernel.rows(z, qd, uniform=np.array([at_rest]))[0]
