@@ -92,6 +92,27 @@ def test_a_hold_is_found_beneath_noise_of_each_row(every: int) -> None:
     assert abs(np.mean(error)) < 1e-3
 
 
+@pytest.mark.parametrize("every", [2, 4, 12])
+@pytest.mark.parametrize(("noise", "digits"), [(0.0, 12), (0.03, 12), (0.03, 4)])
+def test_straight_lines_between_updates_are_found(every: int, noise: float, digits: int) -> None:
+    update = TIME[3::every]
+    known = wave(update) + noise * np.random.default_rng(0).standard_normal(len(update))
+    values = rows(np.round(np.interp(TIME, update, known), digits))
+    hold = holds([blocks(values, 777)], COLUMNS, RATE)
+    assert hold == (Hold(float(every), 3 % every, is_straight=True),) * 2
+    found, again = (
+        np.vstack([*filled(blocks(values, size), COLUMNS, hold, RATE)]) for size in (777, 5000)
+    )
+    np.testing.assert_array_equal(found, again)
+    inner = (found[:, 5] > 0) & (TIME > update[2]) & (TIME < update[-3])
+    at_updates = inner & ((np.arange(SAMPLES) - 3) % every == 0)
+    np.testing.assert_allclose(found[at_updates, 3], values[at_updates, 3])
+    if not noise:
+        np.testing.assert_allclose(found[inner, 3], wave(TIME)[inner], atol=6e-3)
+        straight = np.abs(values[inner, 3] - wave(TIME)[inner]).max()
+        assert np.abs(found[inner, 3] - wave(TIME)[inner]).max() < 0.2 * straight
+
+
 @pytest.mark.parametrize("unit", [0.0, 1e-3, 0.05, 0.3])
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_a_coarse_unit_is_no_hold(unit: float, noise: float) -> None:

@@ -48,6 +48,10 @@ _HELD = (
     "drives update their torques so seldom and hold them in the rows between, which come late: "
     "torques there are interpolated between updates"
 )
+_STRAIGHT = (
+    "torques are on straight lines between updates that far apart, as a logger draws them: they are "
+    "interpolated smoothly between updates"
+)
 
 
 def holds_filled(setup: Setup, progress: Progress) -> Setup:
@@ -67,7 +71,8 @@ def holds_filled(setup: Setup, progress: Progress) -> Setup:
         alike = len({hold.rows for hold in held}) == 1
         corrections += (
             Correction(kind="hold", subject="" if alike else drive,
-                       log=recording.path.name, value=hold.rows / log.rate, unit="s", text=_HELD)
+                       log=recording.path.name, value=hold.rows / log.rate, unit="s",
+                       text=_STRAIGHT if hold.is_straight else _HELD)
             for drive, hold in zip(setup.robot.drives, held, strict=True)
             if hold
         )  # fmt: skip

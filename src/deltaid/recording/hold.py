@@ -13,6 +13,9 @@ s, which other rows determine:
     d_n = c_r s_n,    r = n mod k.
 
 With a hold, all c_r but that of the updates are zero; without a hold, all are equal.
+
+A logger may instead draw straight lines between updates, which it knows only afterwards. Then the
+torque bends, τ_{n+1} − 2 τ_n + τ_{n−1} ≠ 0, in the rows of one phase only.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -37,6 +40,8 @@ _SHORTEST = 1.25
 _LONGEST, _PRIMES = 0.012, (2, 3, 5, 7, 11, 13, 17, 19, 23)
 # Share of rows without a step of friction, and of the rises of a phase without a jump.
 _USUAL = 0.9
+# Largest bend between updates, as a share of that at updates, which the log's digits make.
+_BENDS = 0.1
 
 HeldTorque = tuple[np.ndarray, np.ndarray]  # row numbers, and a drive's torque in these rows
 
@@ -49,10 +54,12 @@ class Hold:
         rows: number of rows from one update to the next; 0 if the torque is not held.
         phase: row of an update, counted from time 0, modulo `rows`; None if updates are the rows
             in which the torque changes.
+        is_straight: whether the torque is on straight lines between updates.
     """
 
     rows: float
     phase: int | None = None
+    is_straight: bool = False
 
     @property
     def spread(self) -> int:
@@ -85,7 +92,7 @@ def filled(
             if held:
                 place, weight = columns.torque_places.start + i, out.shape[1] - drives + i
                 knots, tau = np.flatnonzero(wide[:, i - drives] > 0), wide[:, place]
-                if held.phase is not None:  # mean of the rows that hold an update
+                if held.phase is not None and not held.is_straight:  # mean of an update's rows
                     sums = np.append(0.0, np.cumsum(tau))
                     ends = np.minimum(np.arange(len(tau)) + round(held.rows), len(tau))
                     tau = (sums[ends] - sums[:-1]) / (ends - np.arange(len(tau)))
@@ -152,7 +159,9 @@ def holds(stretches: Iterable[Iterable[Rows]], columns: Columns, rate: float) ->
         pairs = zip(numbers, tau, strict=True)
         split = [[np.array_split(x, 2) for x in pair] for pair in pairs]
         halves = [[(n[k], y[k]) for n, y in split] for k in range(2)]
-        by_drive.append(Hold(rows) if rows else _noisy_hold(halves, round(_LONGEST * rate)))
+        longest = round(_LONGEST * rate)
+        hold = Hold(rows) or _straight_lines(numbers, tau, longest) or _noisy_hold(halves, longest)
+        by_drive.append(hold)
     return tuple(by_drive)
 
 
@@ -172,6 +181,23 @@ def _exact_period(stretches: Sequence[np.ndarray]) -> float:
         return 0.0
     regular = np.ptp(updates - period * np.arange(_GROUP), axis=1) <= 1.0 + 1e-9
     return period if np.mean(regular) > _MOST else 0.0
+
+
+def _straight_lines(
+    numbers: Sequence[np.ndarray], stretches: Sequence[np.ndarray], longest: int
+) -> Hold:
+    """Longest time between updates for which the torque bends at these only."""
+    row = np.concatenate([number[1:-1] for number in numbers])
+    bends = np.concatenate([np.abs(np.diff(tau, 2)) for tau in stretches])
+    if not bends.size or np.quantile(bends, 1 - _USUAL) > _BENDS * np.quantile(bends, _USUAL):
+        return Hold(0.0)
+    for k in range(min(longest, len(bends) // _GROUP), 1, -1):
+        usual = [np.quantile(bends[row % k == phase], _USUAL) for phase in range(k)]
+        update = int(np.argmax(usual))
+        at_updates = np.median(bends[row % k == update])
+        if np.delete(usual, update).max() < _BENDS * at_updates:
+            return Hold(float(k), update, is_straight=True)
+    return Hold(0.0)
 
 
 def _noisy_hold(parts: Sequence[Sequence[HeldTorque]], longest: int) -> Hold:
