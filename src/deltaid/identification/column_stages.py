@@ -49,8 +49,8 @@ _HELD = (
     "torques there are interpolated between updates"
 )
 _STRAIGHT = (
-    "torques are on straight lines between updates that far apart, as a logger draws them: they are "
-    "interpolated smoothly between updates"
+    "torques are on straight lines between updates that far apart, as a logger draws them: there "
+    "they are interpolated smoothly"
 )
 
 
