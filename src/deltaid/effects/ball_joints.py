@@ -59,9 +59,8 @@ class RubbingJoints(DescribedEffect):
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         for friction in of_ball_joints(fit):
-            columns, words = fit.rows.stack(fit.added(friction)), "friction of ball joints"
-            yield EffectCandidate(self.kind, "", columns[:, :1], words)
-            yield EffectCandidate(self.kind, "", columns, words)
+            columns = fit.rows.stack(fit.added(friction))
+            yield EffectCandidate(self.kind, "", columns, "friction of ball joints")
 
 
 def of_ball_joints(point: TracePoint) -> tuple[BallJointFriction, ...]:
