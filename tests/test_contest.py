@@ -11,7 +11,9 @@ import pytest
 import deltaid
 from deltaid.dynamics.dynamics import compiled
 from deltaid.effects.at_drives import DriveSpring, RippleColumns
+from deltaid.effects.friction import FrictionByLoad
 from deltaid.effects.geometry import Structure, lengths_of, reshaped
+from deltaid.effects.joint import of_load
 from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple_search import _NODES, _blocks, nearest_order, waves_near
 from deltaid.identification.doubts import constants
@@ -22,6 +24,7 @@ from deltaid.robot.load import described
 from drives import case
 from drives.identify import identified
 from drives.judge import judge
+from identified import identified as clean
 
 KINDS = ("clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "par4")
 
@@ -66,6 +69,25 @@ def test_a_robot_is_reshaped_in_lengths_and_gravity() -> None:
     assert struts == pytest.approx(longer[[name == "strut" for name in named]])
     g, h = np.array(robot.gravity), np.array(after.gravity)
     assert np.linalg.norm(h - g) == pytest.approx(0.02 * np.linalg.norm(g), rel=1e-3)
+
+
+def test_friction_by_load_counts_what_rotors_and_bodies_share() -> None:
+    """Torques without friction determine only the sum of a rotor and of what its gear carries."""
+    result = clean("irb360-6-1600").result
+    trace = studied_trace(result.problem.dynamics, result.recordings[0], result.model.p)
+    assert trace is not None
+    described_point = TracePoint(trace, result.model.p)
+    names, true = described_point.dynamics.layout.names, result.model.p.copy()
+    rotor, carried = names.index("rotor.drive4"), names.index("EE.Izz")
+    true[[rotor, carried]] += np.array([-0.5, 0.5]) * true[rotor]
+    point = TracePoint(trace, true)
+    assert point.model == pytest.approx(described_point.model)
+    load = point.of_joints([(point.driven[3], of_load)])[:, :, 0].ravel()
+    columns = FrictionByLoad().columns(described_point)
+    assert columns.shape[2] == 5
+    A = columns.reshape(-1, 5)
+    left = load - A @ np.linalg.lstsq(A, load)[0]
+    assert np.linalg.norm(left) < 0.02 * np.linalg.norm(load)  # 11 % without the rotor's column
 
 
 def test_a_hose_is_found_and_goes_with_the_model(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Friction beside viscous and Coulomb's: near rest, at high speed, by direction, by load."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -79,13 +80,20 @@ class FrictionByDirection(StagedEffect):
 
 
 class FrictionByLoad(StagedEffect):
-    """Friction of drives as a share of the torque that their gears carry."""
+    """Friction of drives as a share of the torque that their gears carry: without the rotors, and
+    with them, for torques without friction determine only the sum of a rotor and what its gear
+    moves."""
 
     name = "friction-load"
     deviation = 0.03
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
-        return point.of_joints([(joint, of_load) for joint in point.driven])
+        rotors = {f"rotor.{joint.name}": joint for joint in point.driven}
+        with_rotors = [
+            replace(rotors[name], moved=point.size(name))
+            for name in point.dynamics.layout.names if name in rotors
+        ]  # fmt: skip
+        return point.of_joints([(joint, of_load) for joint in (*point.driven, *with_rotors)])
 
 
 def _coulomb(point: TracePoint, joints: Sequence[FrictionJoint]) -> Float[np.ndarray, " joints"]:
