@@ -206,10 +206,10 @@ class FittedEffect(Part):
     Attributes:
         name: of the effect, such as 'platform-force'.
         values: of its coefficients.
-        drives: that it acts on; empty if it acts on the platform.
+        drives: that it acts on; empty if it acts on the platform or the struts.
         orders: of ripples, or reciprocals of strokes, one for each drive [1/rad or 1/m]; of a cable
             its fixed point, tension and stiffness about which it is linear [m, N, N/m].
-        fastest: speed of the platform used to smooth a drag [m/s].
+        fastest: speed of the platform by which friction is smoothed near rest [m/s].
     """
 
     name: str

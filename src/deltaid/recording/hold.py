@@ -189,7 +189,9 @@ def _straight_lines(
     """Longest time between updates for which the torque bends at these only."""
     row = np.concatenate([number[1:-1] for number in numbers])
     bends = np.concatenate([np.abs(np.diff(tau, 2)) for tau in stretches])
-    if not bends.size or np.quantile(bends, 1 - _USUAL) > _BENDS * np.quantile(bends, _USUAL):
+    # At least half of the rows are between updates.
+    few, most = np.quantile(bends, (0.5 * _USUAL, _USUAL)) if bends.size else (1.0, 1.0)
+    if few > _BENDS * most:
         return Hold(0.0)
     for k in range(min(longest, len(bends) // _GROUP), 1, -1):
         usual = [np.quantile(bends[row % k == phase], _USUAL) for phase in range(k)]
