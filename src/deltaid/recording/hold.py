@@ -152,14 +152,13 @@ def holds(stretches: Iterable[Iterable[Rows]], columns: Columns, rate: float) ->
     """
     parts = [np.concatenate(list(stretch)) for stretch in stretches]
     numbers = [row_numbers(part, rate) for part in parts]
-    by_drive = list[Hold]()
+    by_drive, longest = list[Hold](), round(_LONGEST * rate)
     for place in range(columns.torque_places.start, columns.torque_places.stop):
         tau = [part[:, place] for part in parts]
         rows = _exact_period(tau)
         pairs = zip(numbers, tau, strict=True)
         split = [[np.array_split(x, 2) for x in pair] for pair in pairs]
         halves = [[(n[k], y[k]) for n, y in split] for k in range(2)]
-        longest = round(_LONGEST * rate)
         hold = Hold(rows) or _straight_lines(numbers, tau, longest) or _noisy_hold(halves, longest)
         by_drive.append(hold)
     return tuple(by_drive)
