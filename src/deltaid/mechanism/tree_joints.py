@@ -223,7 +223,8 @@ class BallJoints:
         platform: ∂/∂q̇ Σ |ω_e| and ∂/∂q̇ Σ |ω_p|.
 
         Args:
-            z, qd: samples of a motion.
+            z: platform coordinates [m, rad].
+            qd: rates of the drives [rad/s or m/s].
             at_rest: rate below which a joint hardly turns [rad/s].
         """
         return self._kernel.rows(z, qd, uniform=np.array([at_rest]))[0]
