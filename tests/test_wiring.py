@@ -23,7 +23,7 @@ from drives.sensors import Sensors
 from faults import faulty
 from logs import tabled
 from plants import true_parameters
-from wired import RATE, Columns, bad, evidence_of, only_verdict, recorded, times
+from wired import RATE, Columns, bad, evidence_of, only_verdict, recorded, times, without
 
 
 @pytest.mark.parametrize("name", ["linear-delta", "par4", "irb360-6-1600", "clavel-delta3"])
@@ -67,6 +67,31 @@ def test_unit_of_positions(name: str, which: int | None, factor: float) -> None:
     verdict = only_verdict(name, times(columns, q=by))
     assert (verdict.key, verdict.grade) == ("angle-unit", Grade.WRONG)
     assert verdict.subject == ("" if which is None else f"drive{which + 1}")
+
+
+@pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "linear-delta", "par4"])
+@pytest.mark.parametrize("factor", [0.1, 0.4, 2.5, 10.0])
+def test_time_in_another_unit(name: str, factor: float) -> None:
+    """Which is no unit of angles, gear or torque; recorded velocities confirm a small factor."""
+    columns = times(recorded(name), t=factor)
+    alone = only_verdict(name, without(columns, "qd"), cured=False)
+    verdict = only_verdict(name, columns, cured=False)
+    assert (verdict.key, verdict.grade) == ("time-unit", Grade.WRONG)
+    assert verdict.number == pytest.approx(factor, rel=1e-3)
+    assert alone.key == "time-unit"
+    assert alone.grade is (Grade.WRONG if factor in (0.1, 10.0) else Grade.DOUBTFUL)
+    assert ("as described" in alone.cause) == (alone.grade is Grade.DOUBTFUL)
+
+
+def test_heavy_rotors_or_light_friction_are_no_unit_of_time() -> None:
+    """One of them alone: both together are what time looks like."""
+    name, columns = "clavel-delta3", recorded("clavel-delta3")
+    robot = load_robot(name)
+    light = {drive: {"viscous": 0.15, "coulomb": 5.0} for drive in robot.drives}
+    for changes in ({"friction": light}, {"rotor_inertia": dict.fromkeys(robot.drives, 3.0)}):
+        described = robot.changed(**changes)
+        keys = {v.key for v in bad(checked_wiring(evidence(described, tabled(**columns), None)))}
+        assert "time-unit" not in keys
 
 
 def test_motor_side_of_a_gear() -> None:

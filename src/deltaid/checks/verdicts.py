@@ -40,8 +40,8 @@ KEYS = {
         "workspace", "torque-limit", "friction-scale", "gear-stiffness",
     ),
     "units and wiring": (
-        "drive-count", "angle-unit", "torque-unit", "velocity-unit", "gear", "angle-sign",
-        "torque-sign", "drive-order", "homing-or-tilt", "velocity",
+        "drive-count", "time-unit", "angle-unit", "torque-unit", "velocity-unit", "gear",
+        "angle-sign", "torque-sign", "drive-order", "homing-or-tilt", "velocity",
     ),
     "the signals": (
         "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",

@@ -69,23 +69,30 @@ class RemappedRecording:
         )
 
     @cached_property
-    def ratios(self) -> Float[np.ndarray, "drives components"]:
-        """Estimated torques of inertia, gravity, viscous and Coulomb friction over those of the
-        prior; NaN for components below the usual offset, expected or estimated: next to bodies
-        described far too heavy, friction looks small. For an untied drive, and for expected
-        torques, small is what no model explains."""
-        best, dynamics, motion = self.best, self.evidence.dynamics, self.motion
-        residual, out = best.residual, np.full((dynamics.dof, 4), np.nan)
-        p = residual.span.coefficients(best.torques)
+    def components(self) -> Float[np.ndarray, "2 drives components"]:
+        """Torques of inertia, gravity, viscous and Coulomb friction: estimated, and of the prior.
+
+        For the root mean squares of speeds and accelerations.
+        """
+        best, motion, residual = self.best, self.motion, self.best.residual
+        p = np.stack([residual.span.coefficients(best.torques), residual.prior], axis=1)
         pace = [np.sqrt(np.mean(best.map.rates(x) ** 2, axis=0)) for x in (motion.qd, motion.qdd)]
-        for i, (speed, acceleration) in enumerate(zip(*pace, strict=True)):
-            rows = _components(dynamics, i, speed, acceleration)[:, residual.columns]
-            estimated, expected = rows @ p, rows @ residual.prior
-            share = LEAST if best.loose[i] else OFFSET
-            both = _large(estimated, OFFSET) & _large(expected, LEAST)
-            large = _large(expected, share) | both
-            out[i, large] = estimated[large] / expected[large]
-        return out
+        rows = [
+            _components(self.evidence.dynamics, i, speed, acceleration)[:, residual.columns]
+            for i, (speed, acceleration) in enumerate(zip(*pace, strict=True))
+        ]
+        return np.moveaxis(np.stack(rows) @ p, 2, 0)
+
+    @cached_property
+    def ratios(self) -> Float[np.ndarray, "drives components"]:
+        """Estimated components over those of the prior; NaN for components below the usual offset,
+        expected or estimated: next to bodies described far too heavy, friction looks small. For an
+        untied drive, and for expected torques, small is what no model explains."""
+        estimated, expected = self.components
+        share = np.where(self.best.loose, LEAST, OFFSET)[:, None]
+        large = _large(estimated, OFFSET) & _large(expected, LEAST)
+        large |= _large(expected, share)
+        return np.divide(estimated, expected, out=np.full_like(estimated, np.nan), where=large)
 
     @property
     def untied(self) -> list[int]:
@@ -141,8 +148,12 @@ class RemappedRecording:
         return size < 1 / UNIT and 1 / WRONG_SCALE < size / factor < WRONG_SCALE
 
 
-def _large(torques: Float[np.ndarray, " components"], share: float) -> Bool[np.ndarray, " _"]:
-    return np.abs(torques) > share * np.abs(torques).max()
+def _large(
+    torques: Float[np.ndarray, "drives components"], share: float | Float[np.ndarray, "drives 1"]
+) -> Bool[np.ndarray, "drives components"]:
+    """Components that are larger than a share of their drive's largest."""
+    size = np.abs(torques)
+    return size > share * size.max(axis=1, keepdims=True)
 
 
 def _components(

@@ -20,6 +20,7 @@ from deltaid.checks.wiring.explained import RemappedRecording, overall
 from deltaid.checks.wiring.over_time import over_time_verdicts
 from deltaid.checks.wiring.residual import FEWEST, motion, residual
 from deltaid.checks.wiring.search import SAMPLES, explained, together
+from deltaid.checks.wiring.time_unit import time_unit_verdicts
 from deltaid.checks.wiring.velocity import velocity_verdicts
 from deltaid.checks.wiring.zeros import zero_verdicts
 from deltaid.dynamics.dynamics import compiled
@@ -68,7 +69,8 @@ def checked_wirings(
             part = motion(record.rows, **_PART)
             coarse = fine if part is None or len(part.tau) < SAMPLES else part
             log = RemappedRecording(record, fine, explained(record.dynamics, fine, coarse))
-            judged[k], over_time[k] = log, tuple(over_time_verdicts(log))
+            judged[k] = log
+            over_time[k] = tuple(over_time_verdicts(log)) or tuple(time_unit_verdicts(log))
         if len(records) > 1:
             forget(record)
     shown = {k: log for k, log in judged.items() if log.good and not over_time[k]}

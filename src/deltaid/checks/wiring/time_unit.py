@@ -1,0 +1,79 @@
+"""Time in another unit, or of another cycle, than the mapping says.
+
+Where time is f times too long, q̇ is f times and q̈ is f² times too small. Inertia then seems f²
+times and viscous friction f times what is described, and gravity and Coulomb friction stay.
+Recorded velocities are f times the rate at which positions change.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from deltaid.checks.evidence import WRONG_SCALE
+from deltaid.checks.wiring.candidate import as_good
+from deltaid.checks.wiring.explained import INERTIA, VISCOUS, RemappedRecording
+from deltaid.checks.wiring.residual import residual
+from deltaid.checks.wiring.velocity import rates
+from deltaid.model.verdict import Grade, Verdict
+
+_STATIC = [component for component in range(4) if component not in (INERTIA, VISCOUS)]
+
+
+def time_unit_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
+    """A verdict where inertia and viscous friction agree on a factor of time, with which a robot
+    nearer to the described one explains the torques.
+
+    Only moving drives that limbs tie to others count: of a single drive, other units look the same.
+    """
+    tied = ~log.best.loose & ~log.best.residual.still if log.good else np.zeros(0, bool)
+    if not tied.any():
+        return
+    estimated, expected = log.components[:, tied]
+    ratios = estimated / np.where(expected == 0, np.nan, expected)
+    inertia, viscous, static = (_usual(ratios[:, k]) for k in ([INERTIA], [VISCOUS], _STATIC))
+    factor = float(np.sqrt(inertia / static))
+    far = max(factor, 1 / factor)
+    if not far > np.sqrt(WRONG_SCALE) or not _agrees(viscous / static, factor):
+        return
+    if not _is_likelier(log, factor):
+        return
+    sure, size = far > WRONG_SCALE, f"about {far:.2g}"
+    speeds = [abs(rate.scale) for rate in rates(log.motion, log.best.map)]
+    if speeds and all(_agrees(speed, factor) for speed in speeds):
+        factor = float(np.median(speeds))
+        sure, size = True, f"{max(factor, 1 / factor):.3g}"
+    rest = "" if sure else ", or inertia and viscous friction are not as described"
+    yield Verdict(
+        "time-unit",
+        Grade.WRONG if sure else Grade.DOUBTFUL,
+        f"torques of inertia are {inertia:.3g} times those of the prior, of viscous friction "
+        f"{viscous:.3g} times, of gravity and Coulomb friction {static:.3g} times",
+        cause=f"time is in another unit or cycle, {size} times too "
+        f"{'long' if factor > 1 else 'short'}{rest}",
+        cure="declare the unit of the time column or its rate, such as time: {column: t, unit: "
+        "100 us} or time: {rate: 500}",
+        number=factor,
+    )
+
+
+def _usual(ratios: Float[np.ndarray, "drives components"]) -> float:
+    """The median of positive ratios: a wrong sign is noise. NaN where there are none."""
+    positive = ratios[ratios > 0]
+    return float(np.median(positive)) if positive.size else np.nan
+
+
+def _agrees(ratio: float, factor: float) -> bool:
+    """Whether a ratio is nearer to a factor than to 1, and than to the factor's square."""
+    return bool(abs(np.log(ratio / factor)) < 0.5 * abs(np.log(factor)))
+
+
+def _is_likelier(log: RemappedRecording, factor: float) -> bool:
+    """Whether the recording is clearly likelier with its time divided by a factor."""
+    motion = replace(log.motion, qd=factor * log.motion.qd, qdd=factor**2 * log.motion.qdd)
+    timed = residual(log.evidence.dynamics, motion, log.best.map)
+    if timed is None:
+        return False
+    gain = replace(log.best, residual=timed).fit.score - log.best.fit.score
+    return gain > as_good(len(timed.Y))
