@@ -124,16 +124,12 @@ class Trace:
         """Samples until the initial state of filters does not matter, and two for slopes."""
         return 2 + int(np.ceil(_FORGOTTEN * max(self.constants, default=0.0) * self.low_pass.rate))
 
-    def shifted(
-        self, delay: Delay, constants: Delay | None = None, growth: LagGrowth | None = None
-    ) -> "Trace":
-        """The same with torques read `delay` [s] later, as `Repairs` does; `constants` are those of
-        filters to invert [s], `growth` is that of delays with time."""
-        rate, filters = self.low_pass.rate, () if constants is None else constants.tolist()
-        parts = (
-            _shifted(run, Shift.of_delays(delay.tolist(), rate, filters, growth), rate)
-            for run in self.stretches
-        )
+    def shifted(self, delay: Delay, growth: LagGrowth | None = None) -> "Trace":
+        """The same with torques read `delay` [s] later, as `Repairs` does; `growth` is that of
+        delays with time."""
+        rate = self.low_pass.rate
+        shift = Shift.of_delays(delay.tolist(), rate, (), growth)
+        parts = (_shifted(run, shift, rate) for run in self.stretches)
         long = tuple(run for run in parts if _outputs(self.low_pass, len(run.time)) > 0)
         return replace(self, stretches=long)
 
