@@ -148,16 +148,12 @@ class Structure(UnknownEffect):
     is_fitted = True
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
-        reduction, left_out = _left_out(point)
+        reduction, left_out = excluded_entries(point)
         return point.regressor @ reduction.A[active_columns(point.dynamics)][:, left_out]
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
-        reduction, left_out = _left_out(point)
+        reduction, left_out = excluded_entries(point)
         return SIZE * reduction.scale[left_out]
-
-    def names(self, point: TracePoint) -> tuple[str, ...]:
-        reduction, left_out = _left_out(point)
-        return tuple(reduction.names[k] for k in left_out)
 
     def opened(self, robot: RobotDescription) -> RobotDescription:
         return opened(robot)
@@ -181,7 +177,7 @@ def opened(robot: RobotDescription) -> RobotDescription:
     return robot.model_copy(update={"bodies": bodies})
 
 
-def _left_out(point: TracePoint) -> tuple[Reduction, Int[np.ndarray, " entries"]]:
+def excluded_entries(point: TracePoint) -> tuple[Reduction, Int[np.ndarray, " entries"]]:
     """The reduction with all entries free, and the numbers of those the description excludes."""
     active, robot = active_columns(point.dynamics), point.dynamics.robot
     full, own = build_reduction(opened(robot), active), build_reduction(robot, active)
