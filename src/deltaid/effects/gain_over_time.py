@@ -9,11 +9,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from deltaid.effects.effect import Cause, DescribedEffect, torque_of
-from deltaid.effects.point import Deviations, EffectCandidate, RigidFit, TracePoint, UnknownEffect
+from deltaid.effects.point import EffectCandidate, RigidFit, TracePoint, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
-from deltaid.model.corrections import Correction
 from deltaid.model.verdict import percent
-from deltaid.robot.description import RobotDescription
 
 
 class GainOverTime(UnknownEffect, DescribedEffect):
@@ -37,12 +35,6 @@ class GainOverTime(UnknownEffect, DescribedEffect):
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         s = point.trace.recording.drifting().share(point.motion.time)
         return of_own_drives(np.stack([point.model * s, point.model * s**2], axis=2))
-
-    def corrections(
-        self, robot: RobotDescription, values: Deviations, half: Deviations
-    ) -> tuple[Correction, ...]:
-        at_end, wide = values.reshape(-1, 2).sum(axis=1), half.reshape(-1, 2).max(axis=1)
-        return super().corrections(robot, at_end, wide)
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         """Of one drive or of all: steadily, or in an arc."""

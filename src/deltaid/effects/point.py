@@ -255,16 +255,18 @@ class UnknownEffect(ABC):
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations
     ) -> tuple[Correction, ...]:
-        """Corrections by coefficients and half widths of their 95 % intervals."""
+        """Corrections by coefficients and half widths of their 95 % intervals; of several of one
+        subject the sum, as wide as the widest."""
         if not self.text or self.corrected_as is None:
             return ()
-        scale = 100.0 if self.unit == "%" else 1.0
-        sizes = (scale * np.stack([values, half], axis=1)).tolist()
+        subjects, scale = self.subjects(robot), 100.0 if self.unit == "%" else 1.0
+        of_each, widths = (x.reshape(len(subjects), -1) for x in (values, half))
+        sizes = (scale * np.stack([of_each.sum(axis=1), widths.max(axis=1)], axis=1)).tolist()
         return tuple(
             Correction(kind=self.corrected_as, subject=subject, value=value, low=value - wide,
                        high=value + wide, unit=self.unit or robot.units(subject).coordinate,
                        text=self.text)
-            for subject, (value, wide) in zip(self.subjects(robot), sizes, strict=True)
+            for subject, (value, wide) in zip(subjects, sizes, strict=True)
         )  # fmt: skip
 
     def subjects(self, robot: RobotDescription) -> Sequence[str]:

@@ -11,10 +11,8 @@ from deltaid.effects.point import Deviations, EffectCandidate, RigidFit, TracePo
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.problem import Columns
 from deltaid.estimation.scatter import surprise
-from deltaid.model.corrections import Correction
 from deltaid.model.verdict import percent
 from deltaid.recording.columns import LEAST_SLOPE
-from deltaid.robot.description import RobotDescription
 
 
 class Saturation(UnknownEffect, DescribedEffect):
@@ -66,12 +64,6 @@ class Saturation(UnknownEffect, DescribedEffect):
         falls = (pairs @ np.stack([3.0 * u**2, 5.0 * u**4])).max(axis=1)
         share = (1.0 - LEAST_SLOPE) / np.maximum(falls, 1.0 - LEAST_SLOPE)
         return np.ravel(pairs * share[:, None])
-
-    def corrections(
-        self, robot: RobotDescription, values: Deviations, half: Deviations
-    ) -> tuple[Correction, ...]:
-        lacking, wide = values.reshape(-1, 2).sum(axis=1), half.reshape(-1, 2).max(axis=1)
-        return super().corrections(robot, lacking, wide)
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         return self.of_each(fit.drives, _cubes(fit))
