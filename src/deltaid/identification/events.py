@@ -10,7 +10,7 @@ An excerpt decides whether a recording has contacts at all. One outside the exce
 the pass that gathers the fit's rows (`Watch`); then all rows are inspected.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -90,9 +90,11 @@ def without_events(setup: Setup, progress: Progress) -> Setup:
     )
 
 
-def with_events(recording: PreparedRecording) -> PreparedRecording:
-    """A recording with its excluded events restored."""
-    kept = tuple(span for span in recording.repairs.left_out if span.reason not in _TEXT)
+def with_events(
+    recording: PreparedRecording, reasons: Collection[str] = _TEXT.keys()
+) -> PreparedRecording:
+    """A recording with its excluded events restored, all or those of some reasons."""
+    kept = tuple(span for span in recording.repairs.left_out if span.reason not in reasons)
     return recording.repaired(left_out=kept)
 
 
@@ -103,10 +105,8 @@ def is_play(recording: PreparedRecording) -> bool:
 
 def without_play(setup: Setup) -> Setup:
     """The setup with rows restored that are excluded because gears have play."""
-    for k, recording in enumerate(setup.recordings):
-        spans = (span for span in recording.repairs.left_out if span.reason != BACKLASH)
-        setup = setup.with_recording(k, recording.repaired(left_out=tuple(spans)))
-    return setup.reported((), "backlash")
+    whole = tuple(with_events(recording, [BACKLASH]) for recording in setup.recordings)
+    return setup.changed(recordings=whole).reported((), "backlash")
 
 
 def _is_excerpt_quiet(expected: Expectation) -> bool:
