@@ -304,7 +304,7 @@ def test_gears_stand_in_the_place_of_a_load_where_they_leave_less(
 
     before, after = study(1.0, 0.5), study(float(np.sqrt(gears_leave)), 0.0)
     setup = Mock(spec=Setup, studies=(before,))
-    setup.is_disturbed.return_value = True
+    before.is_disturbed = True
     assert _better_than_loads(setup, (after,)) == believed
-    setup.is_disturbed.return_value = False
+    before.is_disturbed = False
     assert _better_than_loads(setup, (after,))

@@ -10,12 +10,12 @@ from deltaid.effects.all import UNKNOWNS
 from deltaid.effects.along_motion import AlongMotion
 from deltaid.effects.at_drives import DriveSpring, with_offsets
 from deltaid.effects.geometry import reshaped
+from deltaid.effects.lag_columns import TimingColumns
 from deltaid.effects.point import Added, UnknownEffect
 from deltaid.effects.unexplained import FreeTorque
 from deltaid.effects.windings import motors_of
 from deltaid.estimation.scatter import NORMAL
 from deltaid.identification.contest import Contest
-from deltaid.identification.lags_and_gears import without_lags
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Setup
 from deltaid.model.corrections import Correction, Kind
 from deltaid.recording.columns import Readings
@@ -33,9 +33,8 @@ def without_contest(setup: Setup) -> Setup:
             update={"limbs": described.limbs, "gravity": described.gravity,
                     "tolerances": described.tolerances, "bodies": described.bodies}
         )  # fmt: skip
-    kept = tuple(a for a in setup.additions if not isinstance(a, _ADDED))
     kinds: list[Kind] = [u.corrected_as for u in UNKNOWNS if u.corrected_as is not None]
-    bare = setup.changed(additions=kept, outcome=None).with_robot(robot).reported((), *kinds)
+    bare = setup.without(*_ADDED).changed(outcome=None).with_robot(robot).reported((), *kinds)
     return bare.all_repaired(readings=None, drift=None)
 
 
@@ -82,7 +81,7 @@ def with_effects(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
             now = now.with_robot(unknown.opened(now.robot))
     if DriveSpring.name in outcome.kept:
         now = now.with_robot(with_offsets(now.robot))
-    additions = list(without_lags(now.additions))
+    additions = list(now.without(TimingColumns).additions)
     for name in outcome.kept:
         unknown = last.unknown(name)
         if isinstance(unknown, Added):

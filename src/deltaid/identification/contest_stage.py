@@ -11,6 +11,7 @@ import numpy as np
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS, unknowns_at
+from deltaid.effects.lag_columns import TimingColumns
 from deltaid.effects.point import UnknownEffect, points_of
 from deltaid.errors import KinematicsError
 from deltaid.estimation.drive_rows import TraceRows
@@ -31,7 +32,6 @@ from deltaid.identification.lags_and_gears import (
     estimated_anew,
     gears_turned_back,
     traced,
-    without_lags,
 )
 from deltaid.identification.passive_turns import OfPassive, speed_errors, without_turns
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
@@ -268,7 +268,7 @@ def _start(setup: Setup) -> Parameters:
 def _rows(setup: Setup) -> TraceRows:
     # With narrow priors, effects would explain rows that contradict one; the fit widens these.
     spread = WIDER * setup.settings.prior_spread
-    return TraceRows.for_dynamics(setup.dynamics, without_lags(setup.additions), spread)
+    return TraceRows.for_dynamics(setup.dynamics, setup.without(TimingColumns).additions, spread)
 
 
 def _swept(
@@ -300,8 +300,8 @@ def _gears(setup: Setup) -> list[Gears]:
 
 def _traces(setup: Setup) -> list[Trace]:
     """Traces of recordings without an undeclared load."""
-    recordings = [r for k, r in enumerate(setup.recordings) if not setup.is_disturbed(k)]
-    traces = (traced(setup, recording, recording.cutoff) for recording in recordings)
+    pairs = zip(setup.recordings, setup.disturbed, strict=True)
+    traces = (traced(setup, r, r.cutoff) for r, is_disturbed in pairs if not is_disturbed)
     return [trace for trace in traces if trace is not None]
 
 

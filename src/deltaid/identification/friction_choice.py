@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from deltaid.effects.lag_columns import TimingColumns
 from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.problem import Columns, Rows, independent, lengths
@@ -42,7 +43,6 @@ from deltaid.identification.friction_rows import (
     shapes_of,
 )
 from deltaid.identification.gains import shown_by_torques
-from deltaid.identification.lags_and_gears import without_lags
 from deltaid.identification.setup import Progress, Setup
 from deltaid.levels import ROUNDS
 from deltaid.model.corrections import Correction
@@ -62,10 +62,10 @@ def rows_for_friction(setup: Setup, progress: Progress, clause: str) -> Friction
     or recordings are too short, which the fit reports."""
     if setup.settings.friction != "choose" or not setup.robot.friction:
         return None
-    if any(setup.is_disturbed(k) for k in range(len(setup.recordings))):
+    if any(setup.disturbed):
         return None
     progress(f"looking for friction that {clause}")
-    additions = shown_by_torques(without_lags(setup.additions))
+    additions = shown_by_torques(setup.without(TimingColumns).additions)
     try:
         return friction_rows(setup.dynamics, setup.recordings, additions)
     except RecordingError:

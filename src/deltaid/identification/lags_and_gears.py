@@ -51,7 +51,7 @@ def lags_corrected(setup: Setup, progress: Progress) -> Setup:
     traces = list[tuple[PreparedRecording, Trace]]()
     for k, recording in enumerate(setup.recordings):
         as_it_came, record = recording.repaired(**_ON_TIME), None
-        if not setup.is_disturbed(k):
+        if not setup.disturbed[k]:
             record = traced(setup, as_it_came, recording.cutoff)
         if record is not None:
             traces.append((recording, record))
@@ -141,11 +141,6 @@ def _doubtful(lags: Sequence[Correction]) -> bool:
     ends = [(lag.low, lag.high) for lag in lags if lag.low is not None and lag.high is not None]
     zero = [low <= 0.0 <= high for low, high in ends]
     return bool(ends) and (all(zero) or any(high - low > 2 * UNKNOWN for low, high in ends))
-
-
-def without_lags(additions: Sequence[Addition]) -> tuple[Addition, ...]:
-    """Additions except those of lags, filters and clocks."""
-    return tuple(addition for addition in additions if not isinstance(addition, TimingColumns))
 
 
 def traced(
@@ -257,9 +252,8 @@ def _weighed(setup: Setup) -> tuple[Compliance, Compliance]:
 def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
     """Whether compliant gears leave less residual than an undeclared load would, in each recording
     that seems to have one."""
-    for k, after in enumerate(turned):
-        before = setup.studies[k] if setup.is_disturbed(k) else None
-        if before is None or after is None:
+    for before, after in zip(setup.studies, turned, strict=False):
+        if before is None or after is None or not before.is_disturbed:
             continue
         parts, residual = before.account.detected, before.account.left
         of_loads = sum(part.gain for part in parts if part.candidate.kind == LOAD_CHANGE)

@@ -186,7 +186,7 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
             barred = first.barred_effects | short
             return undeclared_loads(first.changed(barred_effects=barred), progress)
         setup = estimated_anew(setup.studied(), progress)
-    if _is_disturbed(setup):
+    if any(setup.disturbed):
         with_loads = setup
     elif len(detected) > len(first.detected):
         with_loads = contested(setup, progress)
@@ -233,11 +233,7 @@ def _kept_causes(setup: Setup) -> set[str]:
 def _is_adequate(setup: Setup) -> bool:
     """Whether little torque is unexplained, and no unknown load comes and goes."""
     left = max((left_of_a_drive(study) for study in setup.studies if study), default=0.0)
-    return left < ADEQUATE and not _is_disturbed(setup)
-
-
-def _is_disturbed(setup: Setup) -> bool:
-    return any(setup.is_disturbed(k) for k in range(len(setup.recordings)))
+    return left < ADEQUATE and not any(setup.disturbed)
 
 
 def _detected(

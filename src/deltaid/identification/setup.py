@@ -115,10 +115,11 @@ class Setup:
     detected: Mapping[str, Study] = field(default_factory=dict[str, Study])
     outcome: ContestOutcome | None = None
 
-    def is_disturbed(self, k: int) -> bool:
-        """Whether an undeclared load comes and goes in the k-th recording."""
-        study = self.studies[k] if self.studies else None
-        return study is not None and study.is_disturbed
+    @property
+    def disturbed(self) -> tuple[bool, ...]:
+        """In which recordings an undeclared load comes and goes."""
+        studies = self.studies or (None,) * len(self.recordings)
+        return tuple(study is not None and study.is_disturbed for study in studies)
 
     def studied(self) -> "Setup":
         corrected = tuple(addition for addition in self.additions if addition.is_corrected)
