@@ -56,6 +56,12 @@ _INCOMPLETE_ROWS = (
     "rows that lack a number in a used column are excluded (see warnings)",
     "record all columns in each row or message",
 )
+_PAUSE = (
+    "logging stopped and went on later, or the clock was set meanwhile",
+    "split it if load or wiring were others; else nothing is to be done",
+)
+_BY_LOGGER = "rows are sampled when the logger gets round to it, not by a clock", ""
+_WHEN_WRITTEN = "stamps are made when rows are written, and not when they are sampled", ""
 _SATURATION = Fault(
     "saturation",
     "%",
@@ -190,7 +196,7 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
     leaps = clock.lost[clock.lost > clock.rows]  # no logger loses more than it keeps
     holes = clock.lost[(clock.lost > 0) & (clock.lost <= clock.rows)]
     lost = int(holes.sum())
-    restarts, cause, cure = restarted(clock, log.table, log.columns.time.column)
+    restarts, *of_restart = restarted(clock, log.table, log.columns.time.column)
     stands, *of_stand = stood(clock, log.table, log.columns.time.column)
     slower, *of_rate = slowed(clock, log.table)
     stale = sum(m.last - m.first + 1 for m in log.masks if m.reason == "stale rows")
@@ -214,20 +220,17 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
             scatter, seen = uneven, _UNEVEN.format(share=percent(uneven), period=period)
     if not seen:
         return _CLOCK.good(f"{clock.rows} rows, one every {period}", 100 * scatter)
-    if leaps.size and not restarts:
-        cause = "logging stopped and went on later, or the clock was set meanwhile"
-        cure = "split it if load or wiring were others; else nothing is to be done"
     wrong = lost + twice + stale
-    if wrong:
-        cause = cure = ""
-    if stands or slower:
-        cause, cure = of_stand if stands else of_rate
-    if lost and any(doubt.key == INCOMPLETE for doubt in log.warnings):
-        cause, cure = _INCOMPLETE_ROWS
-    if scatter > JITTER and not (cause or wrong):
-        cause = "stamps are made when rows are written, and not when they are sampled"
-        if clock.even is False or clock.steady:
-            cause = "rows are sampled when the logger gets round to it, not by a clock"
+    causes = (
+        (lost and any(doubt.key == INCOMPLETE for doubt in log.warnings), _INCOMPLETE_ROWS),
+        (stands, of_stand),
+        (slower, of_rate),
+        (wrong, ("", "")),
+        (restarts, of_restart),
+        (leaps.size, _PAUSE),
+        (scatter > JITTER, _BY_LOGGER if clock.even is False or clock.steady else _WHEN_WRITTEN),
+    )
+    cause, cure = next((words for present, words in causes if present), ("", ""))
     number = 100 * (wrong / clock.rows if wrong else scatter)
     return _CLOCK.judged(seen, "", number, cause=cause, cure=cure)
 
