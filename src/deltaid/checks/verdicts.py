@@ -166,11 +166,9 @@ def files_of(verdicts: Iterable[Verdict]) -> tuple[File, ...]:
 def changes(verdicts: Iterable[Verdict], file: File) -> Changes:
     """All proposals for one file; of two values for a key the first."""
     proposals = [p for verdict in verdicts for p in verdict.proposals if p.file == file]
-    first: Changes = {}
-    for proposal in proposals:
-        first = dict(proposal.changes) | first
-    order = dict.fromkeys(key for proposal in proposals for key, _ in proposal.changes)
-    return {key: first[key] for key in order}
+    pairs = [pair for proposal in proposals for pair in proposal.changes]
+    first = dict(reversed(pairs))
+    return {key: first[key] for key, _ in pairs}
 
 
 def as_written(robot: RobotLike) -> Data:
@@ -219,22 +217,18 @@ def mapping_text(record: Evidence, proposed: Changes, path: Path | None) -> str:
 
 
 def pasted(data: Data, proposed: Changes) -> str:
-    """Proposals for plain data, as YAML lines to paste into its file."""
-    return yaml_text(to_paste(with_changes(data, proposed), proposed)).rstrip()
+    """Proposals for plain data, as YAML lines to paste into its file: only the changed keys, lists
+    whole."""
+    changed = with_changes(data, proposed)
+    return yaml_text(_parts(changed, [steps_of(path) for path in proposed])).rstrip()
 
 
-def to_paste(data: Data, proposed: Changes) -> Data:
-    """Only the changed keys of corrected data; lists are pasted whole."""
-    lines: Data = {}
-    for path in proposed:
-        value: Any = data
-        target = lines
-        for step in steps_of(path):
-            if step not in value:
-                break
-            value = value[step]
-            if not isinstance(value, dict):
-                target[step] = value
-                break
-            target = target.setdefault(step, {})
-    return lines
+def _parts(value: Any, paths: Sequence[list[Any]]) -> Any:
+    """Those parts of mappings in mappings that paths of keys lead to."""
+    if not isinstance(value, dict) or [] in paths:
+        return value
+    return {
+        key: _parts(value[key], [path[1:] for path in paths if path[0] == key])
+        for key in dict.fromkeys(path[0] for path in paths)
+        if key in value
+    }
