@@ -102,7 +102,8 @@ def studied(
     explained = np.concatenate([Y, slopes(record, p_robot)[:, :, None]], axis=2)
     tau = record.torques()
     rows = DriveRows(recording.log.torque_max, tau.shape[1]).by_misfit(explained, tau)
-    fit, causes = _accounted(record, Y, rows)
+    fit = _rigid_fit(record, Y, rows)
+    causes = _account(fit, lag=False)
     apart = np.abs(each.values - common.values)
     alike = _surprise(apart, each) < DETECTED or float(apart.max()) < APART
     plain = _inertia(fit)
@@ -115,10 +116,10 @@ def studied(
     first = causes.detected[0].candidate.kind if causes.detected else ""
     record = record.shifted((common if alike else each).values)
     Y = record.regressor(beside)
-    rows = DriveRows(rows.scale, Y.shape[1])
+    fit = _rigid_fit(record, Y, DriveRows(rows.scale, Y.shape[1]))
     if first != "torque-lag" and late < max(others, default=0.0):
-        return replace(study, hidden=True, on_time=_inertia(_rigid_fit(record, Y, rows)))
-    fit, causes = _accounted(record, Y, rows, lag=True)
+        return replace(study, hidden=True, on_time=_inertia(fit))
+    causes = _account(fit, lag=True)
     return replace(study, fit=fit, account=causes, late=late, on_time=_inertia(fit))
 
 
@@ -146,15 +147,8 @@ def studied_trace(
         return None
 
 
-def _accounted(
-    record: Trace, Y: ColumnsOfDrives, rows: DriveRows, *, lag: bool = False
-) -> tuple[RigidFit, Account]:
+def _account(fit: RigidFit, *, lag: bool) -> Account:
     """The effects of a recording beside parameters and additions; a corrected `lag` is none."""
-    fit = _rigid_fit(record, Y, rows)
-    return fit, _account(fit, lag)
-
-
-def _account(fit: RigidFit, lag: bool) -> Account:
     effects = [effect for effect in EFFECTS if not lag or effect.kind != "torque-lag"]
     known = [candidate for effect in effects for candidate in effect.candidates(fit)]
     searches = [effect.search(fit) for effect in effects]
@@ -243,7 +237,7 @@ def beside_any_friction(study: Study) -> Study:
     """The study beside free friction, for use before laws are chosen."""
     columns = study.fit.rows.stack(free_friction(study.fit.trace, study.fit.p))
     fit = replace(study.fit, span=study.fit.span.with_columns(columns))
-    return replace(study, fit=fit, account=_account(fit, study.late > 0))
+    return replace(study, fit=fit, account=_account(fit, lag=study.late > 0))
 
 
 def left_of_a_drive(study: Study) -> float:
