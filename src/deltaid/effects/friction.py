@@ -99,8 +99,6 @@ class FrictionByLoad(StagedEffect):
 def _coulomb(point: TracePoint, joints: Sequence[FrictionJoint]) -> Float[np.ndarray, " joints"]:
     """Coulomb friction of joints, at least as described."""
     described = point.dynamics.robot.friction
-    sizes = [
-        max(abs(point.size(f"coulomb.{joint.name}")), described[joint.name].coulomb)
-        for joint in joints
-    ]
+    names = [joint.name for joint in joints]
+    sizes = [max(abs(point.size(f"coulomb.{name}")), described[name].coulomb) for name in names]
     return np.array(sizes, dtype=float)

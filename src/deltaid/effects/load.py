@@ -64,7 +64,7 @@ class LoadChange(DescribedEffect):
         return EffectCandidate(self.kind, "", columns * rows, body, tries, times)
 
     def finding(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
-        first, mass, times = cause.first, abs(_mass(cause)), cause.first.detail
+        first, mass, times = cause.first, abs(_change(cause)["m"]), cause.first.detail
         when = ", ".join(f"{t:.2f}" for t in times[:4]) + (
             f" s and {len(times) - 4} times more" if len(times) > 4 else " s"
         )
@@ -85,7 +85,7 @@ class LoadChange(DescribedEffect):
         is_held = first.columns.reshape(cause.fit.dof, len(time), -1).any(axis=(0, 2))
         changes = np.array(first.detail)
         k = int(np.argmax(is_held))
-        held_first = (np.searchsorted(changes, time[k]) % 2 == 0) == (_mass(cause) > 0)
+        held_first = (np.searchsorted(changes, time[k]) % 2 == 0) == (_change(cause)["m"] > 0)
         ends = [*([start] if held_first else []), *changes.tolist()]
         ends += [end + _BEYOND] if len(ends) % 2 else []
         spans = tuple(
@@ -125,17 +125,13 @@ def _shown(fit: RigidFit, body: str) -> list[str]:
 
 
 def _change(cause: Cause) -> dict[str, float]:
-    """Change of each parameter of the carrier from the first to the second of two states."""
+    """Change of each parameter of the carrier from the first to the second of two states: of "m",
+    its mass [kg], and of the others that torques determine."""
     alone = cause.fit.span.without(cause.first.columns)
     change = np.linalg.lstsq(alone, cause.fit.tau, rcond=1e-6)[0].tolist()
     # A candidate by its mass alone has only the first column.
     shown = _shown(cause.fit, cause.first.words)[: len(change)]
     return dict(zip(shown, change, strict=True))
-
-
-def _mass(cause: Cause) -> float:
-    """Change of mass from the first to the second of two states [kg]."""
-    return _change(cause)["m"]
 
 
 def _shifts(cause: Cause) -> bool:

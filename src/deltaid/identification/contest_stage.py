@@ -199,10 +199,11 @@ def _sweeps(
         parts |= {u.name for u in UNKNOWNS if u.is_of_parts and u.name in last.shrunk.candidates}
         after = decided(before, last, may_wind_up=sweep < _DECIDED).within_limits()
         sweep += 1
+        most = SWEEPS if after.winds_up else ROUNDS  # rows change with compliant gears
         if after.doubts != before.doubts:
             dismissed = (*dismissed, last.p - plain)
             sweep, earlier = 0, list[ContestOutcome]()  # others may take part instead
-        elif sweep == _most(after) or any(is_settled(outcome, after) for outcome in earlier):
+        elif sweep == most or any(is_settled(outcome, after) for outcome in earlier):
             break
         try:
             now = with_readings(without, after, last.p)
@@ -224,11 +225,6 @@ def _sweeps(
         why, bool(why), over_all_rows if excludes else None,
     )  # fmt: skip
     return end if why else _judged(bare, end)
-
-
-def _most(outcome: ContestOutcome) -> int:
-    """Largest number of sweeps: few with compliant gears, whose rows change with each sweep."""
-    return SWEEPS if outcome.winds_up else ROUNDS
 
 
 def _judged(bare: Setup, end: _Sweeps) -> _Sweeps:
