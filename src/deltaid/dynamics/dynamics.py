@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -47,36 +47,6 @@ class SparseRegressor:
     values: Float[np.ndarray, "entries samples"]
     rows: np.ndarray
     columns: np.ndarray
-
-
-@runtime_checkable
-class Regressor(Protocol):
-    """Columns that explain torques: those of a robot, and possibly additional ones."""
-
-    @property
-    def kinematics(self) -> Kinematics:
-        """Kinematics of the robot, with its mechanism."""
-        ...
-
-    @property
-    def dof(self) -> int:
-        """Number of drives δ."""
-        ...
-
-    @property
-    def regressor_pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Drive and column of every structurally nonzero entry, drive by drive."""
-        ...
-
-    def sparse_regressor(
-        self, z: Samples, qd: Samples, qdd: Samples, load: Samples | None = None
-    ) -> SparseRegressor:
-        """Nonzero entries of the columns; load-dependent friction needs the load."""
-        ...
-
-    def carried(self, z: Samples, qd: Samples, qdd: Samples, p: Parameters) -> Samples:
-        """Torques that the gears carry at task coordinates z."""
-        ...
 
 
 _Self = TypeVar("_Self", bound="WithParameters")

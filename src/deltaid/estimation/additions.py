@@ -15,7 +15,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 from jaxtyping import Float, Int
 
-from deltaid.dynamics.dynamics import Dynamics, Parameters, Regressor
+from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.information import Motion, entries_at
 from deltaid.estimation.reduction import Free, free_coefficients
 from deltaid.mechanism.kinematics import Kinematics
@@ -118,7 +118,7 @@ class TorqueColumns(Addition):
 class Extended:
     """The columns of a robot's regressor, then those of additions."""
 
-    regressor: Regressor
+    regressor: Dynamics
     robot_columns: int  # number of the robot's columns
     additions: tuple[Addition, ...]
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
-from deltaid.dynamics.dynamics import Parameters, Regressor
+from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import IdentificationError
 from deltaid.estimation.problem import LinearProblem
 
@@ -27,7 +27,7 @@ _PANEL = 60_000
 
 @runtime_checkable
 class ExplainingColumns(Protocol):
-    """Columns that explain torques, drive by drive (as of `Regressor`)."""
+    """Columns that explain torques, drive by drive, as those of `Dynamics` do."""
 
     @property
     def dof(self) -> int: ...  # of drives and channels of sensors
@@ -164,12 +164,12 @@ def collect(
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
 def gather_samples(
-    regressor: Regressor, z: Motion, qd: Motion, qdd: Motion, tau: Motion
+    dynamics: Dynamics, z: Motion, qd: Motion, qdd: Motion, tau: Motion
 ) -> Information:
     """The information of samples in memory."""
     y = tau.T
-    chunks = chunks_of_drives(regressor, entries_at(regressor, z, qd, qdd, tau), y)
-    return collect(regressor, [condense(chunks, y, np.ones_like(y))], "samples")
+    chunks = chunks_of_drives(dynamics, entries_at(dynamics, z, qd, qdd, tau), y)
+    return collect(dynamics, [condense(chunks, y, np.ones_like(y))], "samples")
 
 
 def merge(parts: Iterable[Information]) -> Information:
@@ -205,7 +205,7 @@ def triangle(A: Float[np.ndarray, "*many rows n"]) -> Float[np.ndarray, "*many r
 
 
 def entries_at(
-    regressor: Regressor, z: Motion, qd: Motion, qdd: Motion, load: Motion | None = None
+    dynamics: Dynamics, z: Motion, qd: Motion, qdd: Motion, load: Motion | None = None
 ) -> Float[np.ndarray, "entries samples"]:
     """Entries of Y of a robot, in the order of its pattern; only this function evaluates them."""
-    return regressor.sparse_regressor(z, qd, qdd, load).values
+    return dynamics.sparse_regressor(z, qd, qdd, load).values
