@@ -144,14 +144,13 @@ class ForwardDynamics(WithParameters, Plotted):
         qdd = ca.substitute(e.J @ self._acceleration + e.J_dot_zd, e.zd, e.T @ qd)
         return RowKernel((e.z, qd, e.tau), [qdd], e.p)
 
-    @cached_property
-    def _task_velocity_kernel(self) -> RowKernel:
-        e, qd = self.equations, ca.SX.sym("qd", self.dof)
-        return RowKernel((e.z, qd), [e.T @ qd])
-
     _energy_kernel = row_kernel("equations", lambda e: ((e.z, e.zd), (e.kinetic, e.potential), e.p))
     _drive_coordinates_kernel = row_kernel("equations", lambda e: ([e.z], [e.q]))
     _reach_kernel = row_kernel("kinematics.mechanism", lambda m: ([m.z], [ca.mmin(m.reach)]))
+    _task_velocity_kernel = row_kernel(
+        "kinematics.mechanism",
+        lambda m: ((m.z, m.speeds.q.u), [m.speeds.inverse_jacobian @ m.speeds.q.u]),
+    )
     _drive_motion_kernel = row_kernel("equations", lambda e: ((e.z, e.zd), (e.q, e.J @ e.zd)))
 
     @cached_property

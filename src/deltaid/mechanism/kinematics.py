@@ -280,18 +280,27 @@ class Kinematics(Shown, Plotted):
         T = self.mechanism.speeds.inverse_jacobian[self.robot.task.moves, :]
         return RowKernel([self.mechanism.z], [ca.horzsplit(T)])
 
-    @cached_property
-    def _motion_kernel(self) -> RowKernel:
-        speeds = self.mechanism.speeds
-        rates = speeds.by_task()(ca.vertcat(speeds.q.u, speeds.q.ud))
-        return RowKernel((self.mechanism.z, speeds.z.u, speeds.z.ud), ca.vertsplit(rates, self.dof))
-
-    @cached_property
-    def _jacobian_rate_kernel(self) -> RowKernel:
-        m, zd = self.mechanism, ca.SX.sym("zd", self.dof)
-        J = ca.vec(ca.densify(m.speeds.jacobian))
-        rate = ca.vertsplit(ca.jtimes(J, m.z, zd), self.dof)
-        return RowKernel((m.z, zd), [rate])
+    _motion_kernel = row_kernel(
+        "mechanism",
+        lambda m: (
+            (m.z, m.speeds.z.u, m.speeds.z.ud),
+            ca.vertsplit(m.speeds.by_task()(ca.vertcat(m.speeds.q.u, m.speeds.q.ud)), m.dof),
+        ),
+    )
+    _jacobian_rate_kernel = row_kernel(
+        "mechanism",
+        lambda m: (
+            (m.z, m.speeds.z.u),
+            [ca.vertsplit(ca.jtimes(ca.vec(m.speeds.jacobian), m.z, m.speeds.z.u), m.dof)],
+        ),
+    )
+    _pose_kernel = row_kernel(
+        "mechanism",
+        lambda m: (
+            [m.z],
+            [part for b in m.bodies for part in (ca.horzsplit(b.rotation.R), b.origin.at)],
+        ),
+    )
 
     @cached_property
     def _regularity_kernel(self) -> RowKernel:
@@ -299,8 +308,3 @@ class Kinematics(Shown, Plotted):
         gain = ca.sqrt(ca.sumsqr(inverse(J)))
         condition = ca.sqrt(ca.sumsqr(J)) * gain / self.dof
         return RowKernel([m.z], (condition, ca.det(J), gain, m.hold_condition))
-
-    @cached_property
-    def _pose_kernel(self) -> RowKernel:
-        poses = [(ca.horzsplit(b.rotation.R), b.origin.at) for b in self.mechanism.bodies]
-        return RowKernel([self.mechanism.z], [part for pose in poses for part in pose])
