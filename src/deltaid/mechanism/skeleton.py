@@ -5,6 +5,7 @@ Only the distance between the two struts of a parallelogram, which changes no mo
 half the radius of platform or base.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -32,7 +33,8 @@ class Skeleton:
     """The segments of a robot, evaluated for many samples."""
 
     def __init__(self, robot: RobotDescription, mechanism: Mechanism) -> None:
-        self.segments: tuple[Segment, ...] = tuple(_segments(robot, mechanism))
+        drawn = _segments if robot.mechanism is None else _drawn_by_user
+        self.segments: tuple[Segment, ...] = tuple(drawn(robot, mechanism))
         ends = [point for s in self.segments for point in (s.start, s.end)]
         self._kernel = BatchKernel(mechanism.z, ca.vertcat(*[ca.densify(e) for e in ends]))
 
@@ -48,36 +50,32 @@ class Skeleton:
         return self._kernel(z.T).T.reshape(len(z), len(self.segments), 2, 3)
 
 
-def _segments(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
-    if robot.mechanism is not None:
-        return _drawn_by_user(robot, mechanism)
-    size = _size(robot)
-    segments, base = [], []
-    held: dict[bool, list[ca.SX]] = {}
-    for i, limb in enumerate(mechanism.limbs):
-        parts, sides = _limb(robot, i, limb, 0.5 * drawn_spacing(robot))
-        segments += parts
-        anchor = ca.SX(ca.DM(robot.limb_geometry[i].base))
+def _segments(robot: RobotDescription, mechanism: Mechanism) -> Iterator[Segment]:
+    half, base, held = 0.5 * drawn_spacing(robot), list[ca.SX](), dict[bool, list[ca.SX]]()
+    for i, (geometry, limb) in enumerate(zip(robot.limb_geometry, mechanism.limbs, strict=True)):
+        y_L, anchor = ca.SX(ca.DM(geometry.R_WL[:, 1])), ca.SX(ca.DM(geometry.base))
+        # Offsets of the struts from their middle.
+        sides = [-half * y_L, half * y_L] if geometry.struts > 1 else [ca.SX.zeros(3)]
+        yield from _limb(robot, i, limb, sides)
         base += [anchor + side for side in sides]
         first = isinstance(robot.platform, RigidPlatform) or robot.platform.on_first(i)
         held.setdefault(first, []).extend(limb.held + side for side in sides)
-    segments += _polygon(_BASE, base)
+    yield from _polygon(_BASE, base)
     for corners in held.values():
-        segments += _polygon(robot.platform.bodies[0], corners)
-    return [*segments, *_joining(robot, mechanism, size), *_telescope(mechanism)]
+        yield from _polygon(robot.platform.bodies[0], corners)
+    yield from _joining(robot, mechanism)
+    yield from _telescope(mechanism)
 
 
-def _drawn_by_user(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
+def _drawn_by_user(robot: RobotDescription, mechanism: Mechanism) -> Iterator[Segment]:
     """Segments from the user's function, or a line from each body's frame to its prior's centre of
     mass."""
-    if mechanism.drawing:
-        return [Segment(*line) for line in mechanism.drawing]
-    segments = []
-    for body in mechanism.bodies:
+    for line in mechanism.drawing:
+        yield Segment(*line)
+    for body in () if mechanism.drawing else mechanism.bodies:
         p = robot.bodies[body.name].prior_parameters()
         centre = body.world_origin + body.world_rotation @ ca.DM(p[1:4] / p[0])
-        segments.append(Segment(body.name, body.world_origin, centre))
-    return segments
+        yield Segment(body.name, body.world_origin, centre)
 
 
 def drawn_spacing(robot: RobotDescription) -> float:
@@ -96,36 +94,31 @@ def _size(robot: RobotDescription) -> float:
 
 
 def _limb(
-    robot: RobotDescription, i: int, limb: LimbBodies, half: float
-) -> tuple[list[Segment], list[ca.SX]]:
-    """Segments of a limb, and offsets of its struts from their middle."""
-    geometry = robot.limb_geometry[i]
+    robot: RobotDescription, i: int, limb: LimbBodies, sides: list[ca.SX]
+) -> Iterator[Segment]:
+    geometry, start = robot.limb_geometry[i], ca.SX(ca.DM(robot.limb_geometry[i].base))
     driven, strut, elbow = limb.driven.name, limb.strut.name, limb.strut.world_origin
-    y_L = ca.SX(ca.DM(geometry.R_WL[:, 1]))
-    sides = [-half * y_L, half * y_L] if geometry.struts > 1 else [ca.SX.zeros(3)]
-    segments = [Segment(strut, elbow + side, limb.held + side) for side in sides]
-    segments.append(Segment(driven, elbow + sides[0], elbow + sides[-1]))
+    for side in sides:
+        yield Segment(strut, elbow + side, limb.held + side)
+    yield Segment(driven, elbow + sides[0], elbow + sides[-1])
     if geometry.drive == "rotary":
-        segments.append(Segment(driven, limb.driven.world_origin, elbow))
-        return segments, sides
-    rail = ca.SX(ca.DM(geometry.R_WL @ geometry.rail))
-    low, high = robot.limits_of(f"drive{i + 1}").range or (-0.5, 0.5)
-    start = ca.SX(ca.DM(geometry.base))
-    segments.append(Segment(_BASE, start + low * rail, start + high * rail))
-    return segments, sides
+        yield Segment(driven, limb.driven.world_origin, elbow)
+    else:
+        rail = ca.SX(ca.DM(geometry.R_WL @ geometry.rail))
+        low, high = robot.limits_of(f"drive{i + 1}").range or (-0.5, 0.5)
+        yield Segment(_BASE, start + low * rail, start + high * rail)
 
 
-def _joining(robot: RobotDescription, mechanism: Mechanism, size: float) -> list[Segment]:
+def _joining(robot: RobotDescription, mechanism: Mechanism) -> list[Segment]:
     names = robot.platform.bodies
     if len(names) == 1:
         return []
-    bodies = [body for body in mechanism.bodies if body.name in names]
-    parts = [body for body in bodies if body.name == names[0]]
-    tool = next(body for body in bodies if body.name == "EE")
-    joining = names[1] if len(names) == 3 else names[0]
-    segments = [Segment(joining, parts[0].world_origin, parts[1].world_origin)]
-    pointer = tool.world_origin + max(0.5 * size, 0.03) * tool.world_rotation[:, 0]
-    return [*segments, Segment("EE", tool.world_origin, pointer)]
+    first, second, *_, tool = mechanism.platform
+    pointer = tool.world_origin + max(0.5 * _size(robot), 0.03) * tool.world_rotation[:, 0]
+    return [
+        Segment(names[1] if len(names) == 3 else names[0], first.world_origin, second.world_origin),
+        Segment("EE", tool.world_origin, pointer),
+    ]
 
 
 def _telescope(mechanism: Mechanism) -> list[Segment]:
