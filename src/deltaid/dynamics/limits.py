@@ -1,6 +1,7 @@
 """Limits of a robot, scaled to [−1, 1]; their use along a motion, and at rest in many poses."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -39,7 +40,7 @@ def kinematic_limits(
 ) -> tuple[Limit, ...]:
     """All limits of the description except torques; without a motion, only those of a pose."""
     limits = workspace_limits(robot, mechanism.z)
-    limits += _platform_rates(robot, motion) if motion else []
+    limits += _platform_rates(robot, motion) if motion else ()
     for i in range(len(robot.drives)):
         limits += _of_drive(robot, mechanism, motion, i)
     limits += _joints(robot, mechanism)
@@ -74,17 +75,15 @@ def workspace_limits(robot: RobotDescription, z: ca.SX) -> list[Limit]:
             ]
 
 
-def _platform_rates(robot: RobotDescription, motion: TaskMotion) -> list[Limit]:
-    limits = []
+def _platform_rates(robot: RobotDescription, motion: TaskMotion) -> Iterator[Limit]:
     for i, axis in enumerate("xyz"[k] for k in robot.task.axes):
-        limits.append(Limit(f"platform speed {axis}", motion.zd[i] / robot.platform_speed, True))
+        yield Limit(f"platform speed {axis}", motion.zd[i] / robot.platform_speed, True)
         share = motion.zdd[i] / robot.platform_acceleration
-        limits.append(Limit(f"platform acceleration {axis}", share, True))
+        yield Limit(f"platform acceleration {axis}", share, True)
     if robot.platform_turns:  # a telescope's turn is limited by its drive; ψ is the last of z
         turn = robot.turn
-        limits.append(Limit("tool speed", motion.zd[-1] / turn.speed, True))
-        limits.append(Limit("tool acceleration", motion.zdd[-1] / turn.acceleration, True))
-    return limits
+        yield Limit("tool speed", motion.zd[-1] / turn.speed, True)
+        yield Limit("tool acceleration", motion.zdd[-1] / turn.acceleration, True)
 
 
 def torque_limits(robot: RobotDescription) -> dict[int, float]:
@@ -107,36 +106,28 @@ def effort_limits(robot: RobotDescription) -> Float[np.ndarray, " dof"]:
 
 def _of_drive(
     robot: RobotDescription, mechanism: Mechanism, motion: TaskMotion | None, i: int
-) -> list[Limit]:
-    drive, limits = robot.drives[i], []
-    given = robot.limits_of(drive)
+) -> Iterator[Limit]:
+    drive, given = robot.drives[i], robot.limits_of(robot.drives[i])
     if given.range is not None:
-        name = f"{drive} {robot.units(drive).motion}"
-        limits.append(_between(name, mechanism.q[i], given.range))
+        yield _between(f"{drive} {robot.units(drive).motion}", mechanism.q[i], given.range)
     if motion and given.top_speed is not None:
-        limits.append(Limit(f"{drive} speed", motion.qd[i] / given.top_speed, True))
+        yield Limit(f"{drive} speed", motion.qd[i] / given.top_speed, True)
     if motion and given.top_acceleration is not None:
-        share = motion.qdd[i] / given.top_acceleration
-        limits.append(Limit(f"{drive} acceleration", share, True))
-    return limits
+        yield Limit(f"{drive} acceleration", motion.qdd[i] / given.top_acceleration, True)
 
 
-def _joints(robot: RobotDescription, mechanism: Mechanism) -> list[Limit]:
+def _joints(robot: RobotDescription, mechanism: Mechanism) -> Iterator[Limit]:
     """Limits of the struts' sideways swing in their ball joints, and of the telescope's stroke."""
-    limits = []
     if robot.strut_swing_deg is not None:
         largest = np.sin(np.deg2rad(robot.strut_swing_deg))
         for i, limb in enumerate(mechanism.limbs):
             # y of the limb's frame is the motor axis, x of the strut its direction.
-            sideways = limb.strut.rotation.R[1, 0] / largest
-            limits.append(Limit(f"strut {i + 1} swing", sideways, True))
+            yield Limit(f"strut {i + 1} swing", limb.strut.rotation.R[1, 0] / largest, True)
     if robot.platform_turns:
-        bounds = robot.turn.low, robot.turn.high
-        limits.append(_between("tool angle", mechanism.z[-1], bounds))
+        yield _between("tool angle", mechanism.z[-1], (robot.turn.low, robot.turn.high))
     if robot.telescope is not None and robot.telescope.stroke is not None:
-        stroke = robot.telescope.stroke
-        limits.append(_between("telescope length", mechanism.joints["slide"], stroke))
-    return limits
+        slide = mechanism.joints["slide"]
+        yield _between("telescope length", slide, robot.telescope.stroke)
 
 
 def _between(name: str, value: ca.SX, bounds: tuple[float, float]) -> Limit:

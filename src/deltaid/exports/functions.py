@@ -5,7 +5,7 @@ function returns a status, and leaves its outputs unchanged unless that is OK. T
 model are a table of named numbers, which the graphs read.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -137,16 +137,14 @@ class ExportedFunction:
         """The outputs as parts of `everything`."""
         return [OutputPart(output.size) for output in self.outputs]
 
-    def entry_notes(self, rows: str) -> list[str]:
+    def entry_notes(self, rows: str) -> Iterator[str]:
         """Meaning of each entry of the outputs, if it needs an explanation; `rows` is a text about
         the number {} of rows that the entries describe."""
-        notes = []
         for output in self.outputs:
             if output.entries:
                 count = output.size // len(output.entries)
-                notes.append(f"{output.name}{rows.format(count) if count > 1 else ''}:")
-            notes += [f"  [{k}] {name}, {unit}" for k, (name, unit) in enumerate(output.entries)]
-        return notes
+                yield f"{output.name}{rows.format(count) if count > 1 else ''}:"
+            yield from (f"  [{k}] {name}, {unit}" for k, (name, unit) in enumerate(output.entries))
 
     @property
     def everything(self) -> ca.SX:

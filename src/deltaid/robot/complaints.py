@@ -108,18 +108,16 @@ def _confused(
             yield path, value, taken
 
 
-def _join_unions(located: list[_Complaint]) -> list[_Complaint]:
+def _join_unions(located: list[_Complaint]) -> Iterator[_Complaint]:
     """Join the reasons of a union's branches by 'or', into one complaint per place.
 
     Branches that accept the type of the value take precedence over those that refuse it.
     """
-    joined = []
     for (line, path), same in grouped(((c.line, c.path), c) for c in located).items():
         best = [c for c in same if not c.of_kind] or same
         first, *others = dict.fromkeys(c.reason for c in best)
         reasons = (first, *(reason.removeprefix("must be ") for reason in others))
-        joined.append(_Complaint(line, path, " or ".join(reasons), best[0].value))
-    return joined
+        yield _Complaint(line, path, " or ".join(reasons), best[0].value)
 
 
 def _locate(tree: Entry, item: dict[str, Any], model: type[BaseModel]) -> _Complaint:
