@@ -99,15 +99,19 @@ class BaseWrenchRows(SensorRows):
 
         return tuple(spin(drive, symbol) for drive, symbol, _ in self._spins)
 
-    def still(self) -> Iterator[Unknown]:
+    @cached_property
+    def still(self) -> tuple[Unknown, ...]:
         s, (force, moment) = self.sensor, (self.sensor.force_bias, self.sensor.moment_bias)
         force = wide_force(self.dynamics) if force is None else force
         moment = wide_moment(self.dynamics, np.array(s.position)) if moment is None else moment
-        for k, std in enumerate([force] * 3 + [moment] * 3):
-            yield from self.bias(k, f"{self.channels[k].name.rpartition('.')[2]}_bias", std)
-        yield from self._off("position", "m", s.position_tolerance, _FORCES)
-        yield from self._off("rotation", "rad", s.rotation_tolerance, _FORCES + _MOMENTS)
-        yield from self.gain(s.gain_tolerance)
+        names = (channel.name.rpartition(".")[2] for channel in self.channels)
+        biases = zip(names, [force] * 3 + [moment] * 3, strict=True)
+        return (
+            *(bias for k, (x, std) in enumerate(biases) for bias in self.bias(k, f"{x}_bias", std)),
+            *self._off("position", "m", s.position_tolerance, _FORCES),
+            *self._off("rotation", "rad", s.rotation_tolerance, _FORCES + _MOMENTS),
+            *self.gain(s.gain_tolerance),
+        )
 
     def _off(self, symbol: str, unit: str, std: float, what: tuple[int, ...]) -> Iterator[Unknown]:
         """Yield pose errors along each axis j with columns v × e_j; none where std is zero.

@@ -13,7 +13,6 @@ all other joints are on the link's side. For a rail it is a force sensor between
 carriage.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -43,10 +42,10 @@ class StrutForceRows(SensorRows):
     def __post_init__(self) -> None:
         _ = self._struts
 
-    def still(self) -> Iterator[Unknown]:
+    @cached_property
+    def still(self) -> tuple[Unknown, ...]:
         bias = wide_force(self.dynamics) if self.sensor.bias is None else self.sensor.bias
-        yield from self.bias(0, "bias", bias)
-        yield from self.gain(self.sensor.gain_tolerance)
+        return (*self.bias(0, "bias", bias), *self.gain(self.sensor.gain_tolerance))
 
     @property
     def graph(self) -> ca.SX:
@@ -156,13 +155,13 @@ class JointTorqueRows(SensorRows):
                 cure="name one of these",
             )
 
-    def still(self) -> Iterator[Unknown]:
+    @cached_property
+    def still(self) -> tuple[Unknown, ...]:
         dynamics, bias = self.dynamics, self.sensor.bias
         if bias is None:
             slides = dynamics.robot.is_linear(self.sensor.drive)
             bias = wide_force(dynamics) if slides else wide_moment(dynamics, np.zeros(3))
-        yield from self.bias(0, "bias", bias)
-        yield from self.gain(self.sensor.gain_tolerance)
+        return (*self.bias(0, "bias", bias), *self.gain(self.sensor.gain_tolerance))
 
     @property
     def graph(self) -> ca.SX:

@@ -89,18 +89,15 @@ class SensorRows(ABC):
         """Unknowns whose columns follow from the motion."""
         return ()
 
-    @abstractmethod
-    def still(self) -> Iterator[Unknown]:
-        """Unknowns whose columns do not follow from the motion alone."""
-
     @cached_property
-    def _still(self) -> tuple[Unknown, ...]:
-        return tuple(self.still())
+    @abstractmethod
+    def still(self) -> tuple[Unknown, ...]:
+        """Unknowns whose columns do not follow from the motion alone."""
 
     @property
     def parameters(self) -> tuple[PriorParameter, ...]:
         """Unknowns u, of kind 'sensor'; `scale` · prior spread is the prior deviation of each."""
-        return (*self.moving, *(unknown.parameter for unknown in self._still))
+        return (*self.moving, *(unknown.parameter for unknown in self.still))
 
     @cached_property
     def pattern(self) -> Pattern:
@@ -110,7 +107,7 @@ class SensorRows(ABC):
         """
         rows, columns = self._compiled[1]
         first = len(self.dynamics.layout.parameters) + len(self.moving)
-        places = [(c, first + k) for k, entry in enumerate(self._still) for c in entry.channels]
+        places = [(c, first + k) for k, entry in enumerate(self.still) for c in entry.channels]
         more = np.array(places, dtype=int).reshape(-1, 2)
         return np.append(rows, more[:, 0]), np.append(columns, more[:, 1])
 
@@ -146,7 +143,7 @@ class SensorRows(ABC):
         return self._expected(self._compiled[0](np.hstack([z, qd, qdd]).T))[2]
 
     def _entries(self, columns: np.ndarray, shown: Shown) -> Float[np.ndarray, "entries samples"]:
-        return np.vstack([columns, *(unknown.column(shown) for unknown in self._still)])
+        return np.vstack([columns, *(unknown.column(shown) for unknown in self.still)])
 
     def _expected(self, columns: np.ndarray) -> tuple[Shown, Shown, Shown]:
         """h, ½ (h' + v) and ŷ."""
@@ -179,8 +176,8 @@ class SensorRows(ABC):
         """K with D(y) u = D(0) u + K y, only of unknowns whose symbol begins with `symbol`."""
         values = np.where(self._entries_of(symbol), values[self.pattern[1]], 0.0)
         still, unit = values[len(self._compiled[1][0]) :], np.eye(len(self.channels))
-        columns = [entry.column(unit) - entry.column(0 * unit) for entry in self._still]
-        K, channels = np.zeros_like(unit), [c for entry in self._still for c in entry.channels]
+        columns = [entry.column(unit) - entry.column(0 * unit) for entry in self.still]
+        K, channels = np.zeros_like(unit), [c for entry in self.still for c in entry.channels]
         np.add.at(K, channels, np.vstack([np.zeros((0, len(unit))), *columns]) * still[:, None])
         return K
 
