@@ -105,8 +105,13 @@ class MeasuredTogether(Measured):
     @property
     def placed(self) -> tuple[Placed, ...]:
         """Measured bodies and their poses."""
-        if isinstance(self.of, str):
-            return (Placed(body=self.of),)
-        if isinstance(self.of, dict):
-            return tuple(Placed(body=body, count=count) for body, count in self.of.items())
-        return self.of
+        return placed_bodies(self.of)
+
+
+def placed_bodies(bodies: str | dict[str, Count] | tuple[Placed, ...]) -> tuple[Placed, ...]:
+    """Bodies measured together, given by name, by number, or with their poses."""
+    if isinstance(bodies, str):
+        return (Placed(body=bodies),)
+    if isinstance(bodies, dict):
+        return tuple(Placed(body=body, count=count) for body, count in bodies.items())
+    return bodies

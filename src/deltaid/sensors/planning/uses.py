@@ -9,7 +9,7 @@ from deltaid.errors import DescriptionError
 from deltaid.estimation.information import triangle
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
-from deltaid.robot.measured import Measured, Placed
+from deltaid.robot.measured import Measured, Placed, placed_bodies
 from deltaid.robot.part import Axis, Vector
 from deltaid.robot.sensors import BaseWrench, JointTorque, Sensor, StrutForce
 from deltaid.sensors.planning.offers import ACROSS, ALONG, CENTRE, EACH, LIMB, Offer, Offers, Weigh
@@ -153,12 +153,8 @@ def _placed(robot: RobotDescription, weigh: Weigh) -> Iterator[tuple[Placed, ...
         pairs = ((robot.limb_bodies(i), limb.struts) for i, limb in enumerate(robot.limb_geometry))
         for (driven, strut), count in dict.fromkeys(pairs):
             yield Placed(body=driven), Placed(body=strut, count=count)
-    elif isinstance(weigh.of, str):
-        yield (Placed(body=weigh.of),)
-    elif isinstance(weigh.of, dict):
-        yield tuple(Placed(body=body, count=count) for body, count in weigh.of.items())
     else:
-        yield weigh.of
+        yield placed_bodies(weigh.of)
 
 
 def _require_bodies(robot: RobotDescription, placed: Sequence[Placed], key: str) -> None:
