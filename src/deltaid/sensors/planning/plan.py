@@ -4,7 +4,7 @@ Linear and Gaussian: rows of torques along a motion, of sensors and of measured 
 information about the entries of all bodies, on top of their prior (`sensors.planning.knowledge`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -287,14 +287,13 @@ def _find(names: Sequence[str], possible: Sequence[Use], offers: Offers) -> list
     )
 
 
-def _notes(entries: PlanUnknowns, aim: str, gain_spread: float) -> tuple[str, ...]:
-    notes = [
+def _notes(entries: PlanUnknowns, aim: str, gain_spread: float) -> Iterator[str]:
+    yield (
         "a plan asks for the true bodies, so all ten entries of each are unknown, whatever the key "
         "free says for a fit to torques"
         + (f"; known by the description: {', '.join(entries.known)}" if entries.known else "")
-    ]
+    )
     if gain_spread == 0:
-        notes.append("drives' torque constants are taken to be right")
+        yield "drives' torque constants are taken to be right"
     elif aim != GAINS:
-        notes.append(f"drives' torque constants are known to {100 * gain_spread:.3g} %")
-    return tuple(notes)
+        yield f"drives' torque constants are known to {100 * gain_spread:.3g} %"
