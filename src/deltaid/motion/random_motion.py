@@ -109,12 +109,12 @@ def tamed(dynamics: Dynamics, p: Parameters, motion: FourierMotion) -> FourierMo
         if _is_within(limits, p, still):
             ladder = (_turning(motion, turn, _LESS**k) for k in range(1, _STEPS))
             return next((m for m in ladder if _is_within(limits, p, m)), still)
-    use: dict[str, float] = {}
-    for k in range(_STEPS + 1):
-        slower = replace(motion, base_frequency=motion.base_frequency * _LESS**k)
-        use = _use(limits, p, slower)
-        if k < _STEPS and max(use.values(), default=0.0) <= 1.0:
-            return slower
+    slower = (
+        replace(motion, base_frequency=motion.base_frequency * _LESS**k) for k in range(_STEPS)
+    )
+    if (slow := next((m for m in slower if _is_within(limits, p, m)), None)) is not None:
+        return slow
+    use = _use(limits, p, replace(motion, base_frequency=motion.base_frequency * _LESS**_STEPS))
     worst = max(use, key=lambda name: use[name])
     raise KinematicsError(
         f"no motion keeps the described limits: {worst} is at {use[worst]:.0%} of what may be "
