@@ -12,7 +12,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import positive
-from deltaid.files import written_whole
+from deltaid.files import write_bytes
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import numbered
 from deltaid.robot.description import RobotDescription
@@ -126,5 +126,4 @@ def write_recording(recording: pl.DataFrame, path: Path) -> None:
     Raises:
         DeltaidError: the file cannot be written.
     """
-    with written_whole(path) as file:
-        file.write(recording.write_csv())
+    write_bytes(path, recording.write_csv().encode())
