@@ -15,7 +15,7 @@ import pytest
 
 from composed import Make, twin
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.exports.tree import spanning_tree
+from deltaid.mechanism.tree_joints import tree_coordinates
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
@@ -225,10 +225,11 @@ def tree_motion(
 @lru_cache(maxsize=2)
 def _coordinates(subject: Model, names: tuple[str, ...]) -> ca.Function:
     """Joints' coordinates x(z), ∂x/∂z, and what is left of ẍ where z̈ is zero."""
-    tree = spanning_tree(subject)
-    x, zd = ca.vertcat(*[tree.coordinates[name] for name in names]), ca.SX.sym("zd", tree.z.numel())
-    slope = ca.jacobian(x, tree.z)
-    return ca.Function("x", [tree.z, zd], [x, slope, ca.jtimes(slope @ zd, tree.z, zd)])
+    mechanism = subject.dynamics.kinematics.mechanism
+    coordinates, z = tree_coordinates(subject.robot, mechanism), mechanism.z
+    x, zd = ca.vertcat(*[coordinates[name] for name in names]), ca.SX.sym("zd", z.numel())
+    slope = ca.jacobian(x, z)
+    return ca.Function("x", [z, zd], [x, slope, ca.jtimes(slope @ zd, z, zd)])
 
 
 def configuration(tree: Any, coordinates: dict[str, float]) -> np.ndarray:

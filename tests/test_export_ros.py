@@ -93,7 +93,7 @@ def test_drives_have_interfaces_limits_and_transmissions() -> None:
     chosen, root = subject("irb360-6-1600"), parsed("irb360-6-1600")
     [system] = root.findall("ros2_control")
     assert system.find("hardware/plugin") is not None
-    home = spanning_tree(chosen).joint_coordinates(chosen.home)
+    home = spanning_tree(chosen).home
     for drive in chosen.robot.drives:
         joint = system.find(f"joint[@name='{drive}']")
         assert [x.get("name") for x in joint.findall("command_interface")] == [

@@ -46,7 +46,7 @@ def mjcf(subject: Model) -> str:
         DeltaidError: the mechanism is user-defined, or its friction has terms that MuJoCo lacks.
     """
     tree, forces = spanning_tree(subject), joint_forces(subject, "MJCF")
-    home, drawn = tree.joint_coordinates(subject.home), shapes(subject, tree)
+    home, drawn = tree.home, shapes(subject, tree)
     centre, size, floor = _extent(subject, drawn)
     points = [p for pair in (*tree.cuts, *tree.struts) for p in (pair.first, pair.second)]
     root = rendered_xml(

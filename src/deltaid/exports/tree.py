@@ -12,7 +12,7 @@ Joints with friction, springs and motors are joints of the tree and have the des
 Body frames are the link frames of docs/conventions.md.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -123,8 +123,7 @@ class Tree:
         cuts, couplings: conditions that close the loops.
         struts: to draw.
         tool_body: name of the body that carries the tool.
-        coordinates: of every joint, by name, as functions of z in the closed robot.
-        z: symbols of the task coordinates.
+        home: coordinates of all joints in the closed robot's home pose, by name.
     """
 
     bodies: tuple[TreeBody, ...]
@@ -132,13 +131,7 @@ class Tree:
     couplings: tuple[Coupling, ...]
     struts: tuple[TreeStrut, ...]
     tool_body: str
-    coordinates: Mapping[str, ca.SX]
-    z: ca.SX
-
-    def joint_coordinates(self, z: Float[np.ndarray, " dof"]) -> dict[str, float]:
-        """Coordinates of all joints at one pose."""
-        values = ca.Function("x", [self.z], [ca.vertcat(*self.coordinates.values())])(z)
-        return dict(zip(self.coordinates, np.asarray(values).ravel().tolist(), strict=True))
+    home: dict[str, float]
 
 
 Part = TreeBody | LoopCut | Coupling | TreeStrut
@@ -157,14 +150,14 @@ def spanning_tree(subject: Model) -> Tree:
         parts += _limb(subject, i, *both)
     if robot.telescope is not None:
         parts += _telescope(subject, robot.telescope)
+    home = ca.Function("x", [mechanism.z], [ca.vertcat(*coordinates.values())])(subject.home)
     return Tree(
         bodies=tuple(part for part in parts if isinstance(part, TreeBody)),
         cuts=tuple(part for part in parts if isinstance(part, LoopCut)),
         couplings=tuple(part for part in parts if isinstance(part, Coupling)),
         struts=tuple(part for part in parts if isinstance(part, TreeStrut)),
         tool_body=robot.load_carrier,
-        coordinates=coordinates,
-        z=mechanism.z,
+        home=dict(zip(coordinates, np.asarray(home).ravel().tolist(), strict=True)),
     )
 
 

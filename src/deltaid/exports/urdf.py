@@ -49,7 +49,7 @@ def urdf(subject: Model) -> Export:
         DeltaidError: the mechanism is user-defined, or its friction has terms that URDF lacks.
     """
     tree, forces, robot = spanning_tree(subject), joint_forces(subject, "URDF"), subject.robot
-    home, drawn, pairs = tree.joint_coordinates(subject.home), [*shapes(subject, tree)], []
+    drawn, pairs = [*shapes(subject, tree)], []
     for strut in tree.struts:  # one strut of a pair has its own link, for its shape
         limb = robot.limb_geometry[int(strut.body[1:]) - 1]
         link = strut.body if limb.struts == 1 else strut.name
@@ -63,7 +63,7 @@ def urdf(subject: Model) -> Export:
         robot=robot,
         tree=tree,
         forces=forces,
-        home=home,
+        home=tree.home,
         drawn=drawn,
         pairs=pairs,
         colours=COLOURS,
@@ -81,7 +81,7 @@ def urdf(subject: Model) -> Export:
     root.set("xmlns:drake", "http://drake.mit.edu")
     for rotor in root.iter("rotor_inertia"):
         rotor.tag = "drake:rotor_inertia"
-    loops = _loops(subject, tree, forces, home)
+    loops = _loops(subject, tree, forces)
     loops["drawn_joints"] = [f"{strut.name}_tilt" for strut, _ in pairs]
     empty = numbers(PLACEHOLDER[:1])
     masses = {link.get("name", ""): link.find("inertial/mass") for link in root.iter("link")}
@@ -93,9 +93,7 @@ def urdf(subject: Model) -> Export:
     return Export({".urdf": written, ".loops.json": text}, _warnings(forces))
 
 
-def _loops(
-    subject: Model, tree: Tree, forces: Mapping[str, JointForces], home: Mapping[str, float]
-) -> dict[str, Any]:
+def _loops(subject: Model, tree: Tree, forces: Mapping[str, JointForces]) -> dict[str, Any]:
     """Closed loops, the home pose, and quantities that URDF lacks."""
     robot = subject.robot
     return {
@@ -111,7 +109,7 @@ def _loops(
         ],
         "drawn_joints": [],
         "placeholder_links": [],
-        "home": home,
+        "home": tree.home,
         "armature": {joint: f.armature for joint, f in forces.items() if f.armature},
         "springs": {
             joint: {"stiffness": f.stiffness, "rest": f.rest}
