@@ -161,14 +161,11 @@ class ExportedCycle:
         name: without the prefix.
         doc: its purpose, for the header.
         graph: state, inputs and outputs, each a struct; the last output is 0 if the cycle was good.
-        spoilt, spoilt_y: next state and outputs if an input is not finite.
     """
 
     name: str
     doc: str
     graph: StepGraph
-    spoilt: ca.SX
-    spoilt_y: ca.SX
 
 
 @dataclass(frozen=True)

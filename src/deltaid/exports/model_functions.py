@@ -258,21 +258,13 @@ NO_CONTACT = Doubt(
 def online_cycle(subject: Model, settings: OnlineSettings) -> ExportedCycle:
     """One cycle: payload, friction and, for an identified model, contact.
 
-    The state after a cycle with an input that is not finite follows from the graph itself: with NaN
-    as inputs, everything that depends on them becomes a constant.
-
     Raises:
         DeltaidError: settings and robot are incompatible.
     """
     more = standard_parts(subject)
-    graph = step_graph(subject, settings, more)
-    none = ca.SX(ca.DM(np.full(graph.inputs.size, np.nan)))
-    spoilt, spoilt_y = ca.substitute([graph.following, graph.y], [graph.u], [none])
     return ExportedCycle(
         "online",
         f"Payload, friction{' and contact' if more else ''} while the robot runs: one cycle of "
         f"{settings.period:.9g} s. The parameters of the model are inside, not in the table.",
-        graph,
-        spoilt,
-        spoilt_y,
+        step_graph(subject, settings, more),
     )

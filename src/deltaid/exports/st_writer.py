@@ -217,10 +217,13 @@ class Writer:
     def _keeper(self, name: str, c: ExportedCycle, sizes: Mapping[str, int]) -> Unit:
         """The function block that keeps the state."""
         graph, scratch = c.graph, set[str]()
-        # State and outputs of a cycle with an invalid input.
-        values = ca.vertsplit(ca.densify(c.spoilt))
+        # State and outputs of a cycle with an invalid input follow from the graph itself: with NaN
+        # as inputs, everything that depends on them becomes a constant.
+        none = ca.SX(ca.DM(np.full(graph.inputs.size, np.nan)))
+        after, y = ca.substitute([graph.following, graph.y], [graph.u], [none])
+        values = ca.vertsplit(ca.densify(after))
         changed = [i for i, value in enumerate(values) if not ca.is_equal(value, graph.x[i], 1)]
-        column = ca.vertcat(c.spoilt_y, *(values[i] for i in changed))
+        column = ca.vertcat(y, *(values[i] for i in changed))
         spoilt = self.computed([Array("state", graph.x)], column, scratch, out="bad")
         outputs = [field for field in graph.outputs.fields if field.name != "status"]
         text = self.body(
