@@ -8,7 +8,7 @@ import numpy as np
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.limits import LimitsAlong
 from deltaid.errors import KinematicsError, positive, typed
-from deltaid.mechanism.kinematics import Kinematics
+from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.motion.fourier import FourierMotion
 from deltaid.robot.description import RobotDescription
 
@@ -41,22 +41,8 @@ def random_motion(
     robot, reason = kinematics.robot, ""
     for _ in range(_ATTEMPTS):
         motion = _scaled(robot, kinematics.dof, rng, period, harmonics)
-        z, zd, zdd = motion.evaluate(np.linspace(0.0, period, _GRID))
-        try:
-            q, _, _ = kinematics.drive_motion(z, zd, zdd)
-        except KinematicsError as error:
-            reason = error.what
-            continue
-        if np.ptp(np.sign(kinematics.regularity(z).determinant)) > 0:
-            reason = "the robot passes through singular poses"
-            continue
-        for i, drive in enumerate(robot.drives):
-            low, high = robot.limits_of(drive).range or (-np.inf, np.inf)
-            if q[:, i].min() < low or q[:, i].max() > high:
-                what = "position" if robot.is_linear(drive) else "angle"
-                reason = f"{drive} leaves its {what} range"
-                break
-        else:
+        reason = _obstacle(kinematics, *motion.evaluate(np.linspace(0.0, period, _GRID)))
+        if not reason:
             return motion
     raise KinematicsError(
         f"no random motion in the described workspace is possible: {reason}",
@@ -64,6 +50,21 @@ def random_motion(
         cure="check workspace (platform points have z < 0), the limbs' lengths and arrangement, "
         "and drive_limits in the description",
     )
+
+
+def _obstacle(kinematics: Kinematics, z: Samples, zd: Samples, zdd: Samples) -> str:
+    """Why a motion is impossible; empty if it is not."""
+    try:
+        q, _, _ = kinematics.drive_motion(z, zd, zdd)
+    except KinematicsError as error:
+        return error.what
+    if np.ptp(np.sign(kinematics.regularity(z).determinant)) > 0:
+        return "the robot passes through singular poses"
+    for drive, angles in zip(kinematics.robot.drives, q.T, strict=True):
+        low, high = kinematics.robot.limits_of(drive).range or (-np.inf, np.inf)
+        if angles.min() < low or angles.max() > high:
+            return f"{drive} leaves its {kinematics.robot.units(drive).motion} range"
+    return ""
 
 
 def _scaled(
