@@ -153,7 +153,7 @@ def _with_value(text: str, steps: list[Any], value: object) -> str:
         return _removed(text, parent, steps[-1])
     if isinstance(node, CollectionNode) and not node.flow_style:
         raise _LayoutError
-    return _spliced(text, node.start_mark.index, node.end_mark.index, _flow(value))
+    return text[: node.start_mark.index] + _flow(value) + text[node.end_mark.index :]
 
 
 def _child(node: Node, step: object) -> Node | None:
@@ -167,18 +167,18 @@ def _child(node: Node, step: object) -> Node | None:
 def _inserted(text: str, node: Node, steps: list[Any], value: object) -> str:
     if isinstance(node, ScalarNode) and node.start_mark.index == node.end_mark.index:
         at = node.start_mark.index
-        return _spliced(text, at, at, f" {_flow(_nested(steps, value))}")
+        return f"{text[:at]} {_flow(_nested(steps, value))}{text[at:]}"
     if not isinstance(node, MappingNode) or not node.value:
         raise _LayoutError
     if node.flow_style:
         at = len(text[: node.end_mark.index - 1].rstrip().rstrip(","))
         new = _flow(_nested(steps, value))[1:-1]
-        return _spliced(text, at, node.end_mark.index - 1, f", {new}")
+        return f"{text[:at]}, {new}{text[node.end_mark.index - 1 :]}"
     at = text.find("\n", _end(node))
     at = len(text) if at < 0 else at
     indent = " " * node.value[0][0].start_mark.column
     lines = _block(steps, value).splitlines()
-    return _spliced(text, at, at, "".join(f"\n{indent}{line}" for line in lines))
+    return text[:at] + "".join(f"\n{indent}{line}" for line in lines) + text[at:]
 
 
 def _removed(text: str, parent: MappingNode, key: object) -> str:
@@ -191,12 +191,12 @@ def _removed(text: str, parent: MappingNode, key: object) -> str:
         stop = text.find("\n", _end(value))
         if text[start : name.start_mark.index].strip():  # the first key of an item: `- key: …`
             raise _LayoutError
-        return _spliced(text, start, len(text) if stop < 0 else stop + 1, "")
+        return text[:start] + (text[stop + 1 :] if stop >= 0 else "")
     if place + 1 < len(parent.value):
         start, stop = name.start_mark.index, parent.value[place + 1][0].start_mark.index
     else:
         start, stop = parent.value[place - 1][1].end_mark.index, value.end_mark.index
-    return _spliced(text, start, stop, "")
+    return text[:start] + text[stop:]
 
 
 def _end(node: Node) -> int:
@@ -205,10 +205,6 @@ def _end(node: Node) -> int:
         return node.end_mark.index
     last = node.value[-1]
     return _end(last[1] if isinstance(node, MappingNode) else last)
-
-
-def _spliced(text: str, start: int, stop: int, new: str) -> str:
-    return text[:start] + new + text[stop:]
 
 
 def _nested(steps: list[Any], value: object) -> Data:
