@@ -23,13 +23,8 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.limbs import rotation as about_axis
 from deltaid.robot.measured import Measured, Placed
-from deltaid.robot.part import Axis, Vector
+from deltaid.robot.part import Vector
 
-_AXES: dict[Axis, tuple[float, float, float]] = {
-    "x": (1.0, 0.0, 0.0),
-    "y": (0.0, 1.0, 0.0),
-    "z": (0.0, 0.0, 1.0),
-}
 _WORDS = {
     "mass": "mass",
     "first_moment": "first moment",
@@ -117,10 +112,10 @@ def weighing(
 
 def _quantity(measured: Measured, body: RigidBody) -> float:
     """The measured quantity of a body described in the axes of the measurement."""
-    p = body.p
-    if measured.axis is None:
+    p, axis = body.p, measured.axis
+    if axis is None:
         return float(p[0])
-    e = np.array(_AXES[measured.axis] if isinstance(measured.axis, str) else measured.axis)
+    e = np.eye(3)["xyz".index(axis)] if isinstance(axis, str) else np.array(axis)
     e = e / np.linalg.norm(e)
     if measured.quantity == "first_moment":
         return float(e @ p[1:4])

@@ -26,7 +26,7 @@ from deltaid.levels import FAINT
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, RigidBody, inertia_parameters
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, RigidBody
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform
 
 # Distances [m] below this are zero.
@@ -264,12 +264,11 @@ def _alike(
     for name, (i, j) in PSEUDO_INERTIA_ENTRIES.items():
         if 3 in (i, j):
             continue
-        S, T = np.zeros((4, 4)), np.zeros((4, 4))
+        S, direction = np.zeros((3, 3)), np.zeros(len(layout.parameters))
         S[i, j] = S[j, i] = 1.0
-        T[:3, :3] = R @ S[:3, :3] @ R.T
-        direction = np.zeros(len(layout.parameters))
-        direction[layout.body(a.name)] += inertia_parameters(S)
-        direction[layout.body(b.name)] -= inertia_parameters(T) * a.count / b.count
+        of_a, of_b = (RigidBody.of_moments(0.0, np.zeros(3), x).p for x in (S, R @ S @ R.T))
+        direction[layout.body(a.name)] += of_a
+        direction[layout.body(b.name)] -= of_b * a.count / b.count
         yield Exchange(f"the second moment {name} {_passes(a.name, b.name)}", direction)
 
 
