@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -188,8 +188,7 @@ class Poses:
 
     def only(self, chosen: Bool[np.ndarray, " samples"]) -> "Poses":
         """A subset of the poses."""
-        arrays = {name: getattr(self, name)[chosen] for name in self.__dataclass_fields__}
-        return replace(self, **arrays)
+        return Poses(*(array[chosen] for array in vars(self).values()))
 
 
 class AtRest:
