@@ -267,16 +267,15 @@ def _fmi_version(fmi: str | int) -> FmiVersion:
 def _notes(subject: Model, further: Sequence[str]) -> Iterator[str]:
     """Drives whose commands differ from their torques, and limits of additional functions."""
     if subject.identified is not None and (commands := subject.identified.commands):
-        yield Doubt(_AT_JOINTS, cause=_GAINS, cure=f"for them command {commands}")
+        yield Doubt(
+            "torques are those at the joints, and not what this robot's drives are commanded",
+            cause="the identification found gains of the drives",
+            cure=f"for them command {commands}",
+        )
     if "constraint-forces" in further and (note := ConstraintForces(subject.robot).note):
         yield note
     if "online" in further and subject.identified is None:
         yield model_functions.NO_CONTACT
-
-
-# Warning for models whose drives' commands differ from the torques at the joints.
-_AT_JOINTS = "torques are those at the joints, and not what this robot's drives are commanded"
-_GAINS = "the identification found gains of the drives"
 
 
 def _holding(model: Model, payload: str | float) -> Model:
