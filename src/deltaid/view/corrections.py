@@ -6,7 +6,8 @@ from itertools import groupby
 
 import numpy as np
 
-from deltaid.model.corrections import NAMES, Correction, Event, FittedSensor, Kind, LeftOut
+from deltaid.grouping import grouped
+from deltaid.model.corrections import NAMES, Correction, Event, FittedSensor, LeftOut
 from deltaid.model.parameter_record import HeldLoad
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.body import body_in_words
@@ -30,13 +31,10 @@ _EVENT_COLUMNS = (
 
 def corrected(corrections: Sequence[Correction]) -> str:
     """Number and kinds of corrections: 'Two corrections were made: …'."""
-    subjects: dict[Kind, dict[str, None]] = {}
-    for correction in corrections:
-        subjects.setdefault(correction.kind, {})[correction.subject] = None
     things = []
-    for kind, names in subjects.items():
-        said = (kind, *NAMES[kind].split())
-        own = ", ".join(_short([name for name in names if name and name not in said]))
+    for kind, subjects in grouped((c.kind, c.subject) for c in corrections).items():
+        said = ("", kind, *NAMES[kind].split())
+        own = ", ".join(_short([name for name in dict.fromkeys(subjects) if name not in said]))
         things.append(NAMES[kind] + (f" ({own})" if own else ""))
     if len(things) < 2:
         return (

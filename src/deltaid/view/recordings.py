@@ -6,6 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 import polars as pl
 
+from deltaid.grouping import grouped
 from deltaid.recording import recording
 from deltaid.recording.formats.frames import FrameTable
 from deltaid.recording.log import Log
@@ -19,7 +20,7 @@ from deltaid.view.numbers import number
 from deltaid.view.page import Table
 from deltaid.view.show import Card
 
-_INDEX = re.compile(r"^(.*?)(?:\[?(\d+)\]?)$")
+_INDEX = re.compile(r"\[?\d+\]?$")
 
 
 def recording_card(value: Recording) -> Card:
@@ -51,12 +52,9 @@ def recording_frame(value: Recording) -> pl.DataFrame:
 def recording_figure(value: Recording) -> go.Figure:
     """Numeric columns over time, one panel for columns of one name: q1, q2, …; tau1, …."""
     table = recording_frame(value)
-    clock, groups = _clock(table), dict[str, list[str]]()
-    for name in table.columns:
-        if table[name].dtype.is_numeric() and name not in TIMES:
-            match = _INDEX.match(name)
-            groups.setdefault(match[1] if match else name, []).append(name)
-    shown = list(groups.items())[:5]
+    clock = _clock(table)
+    numeric = [x.name for x in table if x.dtype.is_numeric() and x.name not in TIMES]
+    shown = list(grouped((_INDEX.sub("", name), name) for name in numeric).items())[:5]
     if not shown:
         return go.Figure()
     titles = [style.label(title) for title, _ in shown]

@@ -9,6 +9,7 @@ from deltaid.control.comparison import Comparison, ControllerRun
 from deltaid.control.infeasible import MotionProblem
 from deltaid.control.simulate import Simulation
 from deltaid.control.tracking import Drives, Tracking
+from deltaid.grouping import grouped
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
 from deltaid.view.numbers import number, percent
@@ -44,12 +45,11 @@ def comparison_page(
     The page recommends nothing on a motion that the robot cannot run (`problems`), and no run that
     reached a limit or deviated far.
     """
-    lines = dict[str, list[tuple[str, str, Tracking]]]()
-    for run in runs:
-        if run.tracking is not None:
-            lines.setdefault(run.controller, []).append(
-                (run.model or NO_MODEL, model_colour(run.model), run.tracking)
-            )
+    lines = grouped(
+        (run.controller, (run.model or NO_MODEL, model_colour(run.model), run.tracking))
+        for run in runs
+        if run.tracking is not None
+    )
     verdict, best = _verdict(runs, problems)
     return Page(
         title=robot.label,

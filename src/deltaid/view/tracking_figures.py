@@ -10,6 +10,7 @@ from jaxtyping import Float
 from deltaid.control.comparison import ControllerRun
 from deltaid.control.tracking import Tracking
 from deltaid.dynamics.limits import effort_limits
+from deltaid.grouping import grouped
 from deltaid.robot.description import RobotDescription
 from deltaid.view import style
 from deltaid.view.comparison import POINTS, peak_rows
@@ -35,12 +36,13 @@ def model_colour(model: str) -> str:
 def error_bars(runs: Sequence[ControllerRun]) -> Figure:
     axis = {"type": "log", "title": "platform error, rms [mm]", "dtick": 1}
     layout = {"yaxis": axis, "barmode": "group", "height": 420, "bargap": 0.25}
-    figure, models = go.Figure(layout=layout), dict[str, dict[str, float]]()
-    for run in runs:
-        errors = models.setdefault(run.model, {})
-        if run.tracking is not None:
-            errors[run.controller] = 1e3 * run.tracking.error.platform_rms
-    for model, errors in models.items():
+    figure = go.Figure(layout=layout)
+    for model, of_model in grouped((run.model, run) for run in runs).items():
+        errors = {
+            run.controller: 1e3 * run.tracking.error.platform_rms
+            for run in of_model
+            if run.tracking is not None
+        }
         figure.add_bar(
             x=list(errors),
             y=list(errors.values()),
