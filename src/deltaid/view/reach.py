@@ -117,14 +117,12 @@ def survey(robot: AtRest) -> WorkspaceSurvey:
         angles = (robot.home[3], turn.low, turn.high)
         edges = np.concatenate([np.insert(edges, 3, angle, axis=1) for angle in angles])
     inside = qmc.scale(qmc.Sobol(len(box[0]), scramble=False).random(2**14), *box)
-    poses = robot(inside[robot.robot.workspace.contains(inside[:, :3])])
-    extremes = robot(edges)
-    parts = extremes.only(extremes.stands), poses.only(poses.stands)
-    names = Poses.__dataclass_fields__
+    inside = inside[robot.robot.workspace.contains(inside[:, :3])]
+    poses, even = robot(np.concatenate([edges, inside])), slice(len(edges), None)
     return WorkspaceSurvey(
-        poses=Poses(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names}),
-        standing=float(np.mean(poses.stands)),
-        within=float(np.mean(good(robot, poses))),
+        poses=poses.only(poses.stands),
+        standing=float(np.mean(poses.stands[even])),
+        within=float(np.mean(good(robot, poses)[even])),
     )
 
 
