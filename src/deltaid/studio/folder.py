@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deltaid.errors import DeltaidError
-from deltaid.files import DEVICES, YAML_ENDINGS, written_whole
+from deltaid.files import DEVICES, YAML_ENDINGS, write_bytes
 from deltaid.recording.table import FORMATS
 from deltaid.robot.load import LARGEST_FILE, holds_a_model, read_text
 
@@ -106,8 +106,7 @@ class Folder:
             raise ConflictError(
                 what, where=name, cure="look at it as it is now, and make the change again"
             )
-        with written_whole(path) as file:
-            file.write(text)
+        write_bytes(path, text.encode())
 
     def free_name(self, wanted: str) -> str:
         """A safe and unused name similar to the wanted one."""

@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import Field
 
 from deltaid.errors import DeltaidError
-from deltaid.files import YAML_ENDINGS, written_whole
+from deltaid.files import YAML_ENDINGS, write_bytes
 from deltaid.model.model import load
 from deltaid.robot.load import catalogue, parse, yaml_text
 from deltaid.robot.part import Part
@@ -117,8 +117,7 @@ def write_record(folder: Folder, run: FinishedRun, out: str, messages: str) -> N
     text = yaml_text(run.model_dump(mode="json"))
     for name, content in ((OUTPUT, out), (MESSAGES, messages), (RECORD, text)):
         if content:
-            with written_whole(folder.root / run.file(name)) as file:
-                file.write(content)
+            write_bytes(folder.root / run.file(name), content.encode())
 
 
 def runs(folder: Folder) -> list[FinishedRun]:

@@ -18,7 +18,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from deltaid.errors import visible
-from deltaid.files import written_whole
+from deltaid.files import write_bytes
 from deltaid.robot.body import body_in_words
 from deltaid.view import style
 from deltaid.view.page import Figure, Lines, Page, Table, Text
@@ -33,8 +33,7 @@ def write_page(page: Page, path: Path) -> None:
     Raises:
         DeltaidError: the file cannot be written.
     """
-    with written_whole(path) as file:
-        file.write(render(page))
+    write_bytes(path, render(page).encode())
 
 
 def render(page: Page) -> str:
