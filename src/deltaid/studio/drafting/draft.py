@@ -17,6 +17,7 @@ from deltaid.studio.drafting.questions import (
     Question,
     platform_of,
     questions_of,
+    rounded,
 )
 from deltaid.studio.folder import LONGEST
 
@@ -175,7 +176,7 @@ def quantity(text: str, unit: str, where: str = "the answer") -> float:
     words = re.sub(r"(?<=[A-Za-zµμ\d])\s+(?=[A-Za-zµμ])", "*", words)
     try:
         value = _registry().Quantity(number, _registry().parse_units(words)).m_as(unit)
-        return float(f"{value:.12g}")  # without the conversion's rounding
+        return rounded(float(value), 12)  # without the conversion's rounding
     except (pint.PintError, ValueError, TypeError, AttributeError):
         raise DeltaidError(
             f"{match[2].strip()!r} is no unit for this",
@@ -278,4 +279,4 @@ def answers(robot: RobotDescription) -> dict[str, float]:
         }
     # The questions of its kind need only some of these values.
     numbers = {question.key: values.get(question.key) for question in questions_of(kind)}
-    return {key: float(f"{value:.12g}") for key, value in numbers.items() if value is not None}
+    return {key: rounded(value, 12) for key, value in numbers.items() if value is not None}

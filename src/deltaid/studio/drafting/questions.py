@@ -130,7 +130,8 @@ _FASTEST, _HARDEST = 5.0, 60.0
 
 
 def rounded(value: float, digits: int = 2) -> float:
-    """A number with few significant digits, as it is an assumption."""
+    """A number with this many significant digits: few of an assumption; with 12 of them a product
+    has no rounding errors in its last bits, and 0.4 times 3 is 1.2."""
     return float(f"{value:.{digits}g}")
 
 

@@ -242,16 +242,16 @@ def _following(kind: str, a: Mapping[str, float]) -> dict[str, float]:
     """Numbers behind the gears, the telescope's stroke, and friction that no question is about."""
     values, weight = dict[str, float](), GRAVITY * (a["platform_mass"] + a.get("tool_mass", 0.0))
     if kind in ROTARY:
-        values["joint_rotor"] = _product(a["rotor"], a["gear"] ** 2)
-        values["joint_speed"] = _product(a["speed"], 1 / a["gear"])
-        values["joint_torque"] = _product(a["torque"], a["gear"])
+        values["joint_rotor"] = rounded(a["rotor"] * a["gear"] ** 2, 12)
+        values["joint_speed"] = rounded(a["speed"] / a["gear"], 12)
+        values["joint_torque"] = rounded(a["torque"] * a["gear"], 12)
     laws = dict[str, tuple[float, float]]()
     if kind in TELESCOPE:
         values["stroke_low"], values["stroke_high"] = stroke(a)
         coulomb = rounded(0.08 * a["tool_torque"])
         laws = {"tool": (coulomb / 16, coulomb), "slide": (0.3 * weight, 0.4 * weight)}
     elif kind in SLIDE:
-        values["pinion_ratio"] = _product(0.5, 1 / a["pinion"])
+        values["pinion_ratio"] = rounded(0.5 / a["pinion"], 12)
         laws = {"platform": (0.3 * weight, 0.3 * weight)}
     elif kind in BAR:
         coulomb = 0.25 * weight * a["bar"]
@@ -278,11 +278,6 @@ def _list(points: list[list[float]]) -> str:
 def number(value: float) -> str:
     """A number in full precision."""
     return str(int(value)) if value == int(value) and abs(value) < 1e6 else repr(float(value))
-
-
-def _product(a: float, b: float) -> float:
-    """A product without rounding errors in the last bits: 0.4 times 3 is 1.2."""
-    return float(f"{a * b:.12g}")
 
 
 def _scalar(text: str) -> str:
