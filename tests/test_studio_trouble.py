@@ -248,8 +248,8 @@ def test_a_robot_that_does_not_reach_stays_and_says_why() -> None:
     assert [axis.name for axis in found.axes] == ["x", "y", "z"]
     view, home = robot_at("clavel-delta3", "", found.home, found.home)
     assert view.message == ""
-    assert home.positions.shape == (len(found.colors), 3)
-    struts = [k for k, color in enumerate(found.colors) if color == found.legend["struts"]]
+    assert home.positions.shape == (len(found.bars), 3)
+    struts = [k for k, bar in enumerate(found.bars) if bar.label == "struts"]
     assert home.scales[struts, 2] == pytest.approx(1.055)
     view, far = robot_at("clavel-delta3", "", (5.0, 0.0, -1.0), found.home)
     assert "stays where it was" in view.message

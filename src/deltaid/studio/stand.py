@@ -11,7 +11,14 @@ from deltaid.dynamics.limits import AtRest
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.model import load
 from deltaid.view.at_pose import View, home_view, moved
-from deltaid.view.drawing import Placement, along, members, outline_points, outline_segments
+from deltaid.view.drawing import (
+    DrawnBody,
+    Placement,
+    along,
+    members,
+    outline_points,
+    outline_segments,
+)
 from deltaid.view.reach import require_space
 
 # Range of requested poses beyond the workspace, as a share of it.
@@ -34,17 +41,14 @@ class Stage:
 
     Attributes:
         axes: of the platform, in the order of z; angles in degrees.
-        colors, radii: of each segment; radii in m.
-        legend: colour of each kind of member.
+        bars: looks of the body of each segment.
         edges: of the workspace [m].
         size: of the robot at home [m].
         home: initial pose, in the units of the axes.
     """
 
     axes: tuple[Axis, ...]
-    colors: tuple[str, ...]
-    radii: tuple[float, ...]
-    legend: dict[str, str]
+    bars: tuple[DrawnBody, ...]
     edges: Float[np.ndarray, "edges 2 3"]
     size: float
     home: tuple[float, ...]
@@ -62,13 +66,10 @@ def stage(robot: str, changed: str) -> Stage:
     """
     rest, skeleton = _built(robot, changed)
     size = float(np.ptp(skeleton.evaluate(rest.home[None]).reshape(-1, 3), axis=0).max())
-    known = members(skeleton.bodies)
-    shown = [known[segment.body] for segment in skeleton.segments]
+    drawn = members(skeleton.bodies)
     return Stage(
         axes=_axes(rest),
-        colors=tuple(member.color for member in shown),
-        radii=tuple(member.radius(size) for member in shown),
-        legend={member.label: member.color for member in known.values()},
+        bars=tuple(drawn[segment.body] for segment in skeleton.segments),
         edges=outline_segments(rest.robot.workspace),
         size=size,
         home=tuple((rest.home * _units(rest)).tolist()),

@@ -208,7 +208,7 @@ class _Live:
             with ui.element("div").classes("seen"):
                 self._scene()
                 with ui.row().classes("dim legend"):
-                    for label, color in stage.legend.items():
+                    for label, color in {bar.label: bar.color for bar in stage.bars}.items():
                         with ui.row().classes("items-center no-wrap"):
                             ui.element("span").classes("swatch").style(f"background: {color}")
                             ui.label(label)
@@ -231,8 +231,10 @@ class _Live:
         with self.scene:
             for start, end in self.stage.edges:
                 self.scene.line(start.tolist(), end.tolist()).material(edges)
+            radii = [body.radius(size) for body in self.stage.bars]
             self.bars = [
-                self.scene.cylinder(1, 1, 1, 12).material(color) for color in self.stage.colors
+                self.scene.cylinder(radius, radius, 1, 12).material(body.color)
+                for body, radius in zip(self.stage.bars, radii, strict=True)
             ]
             self.ball = self.scene.sphere(0.022 * size).material("#e8a200").draggable()
         middle = np.array(self.stage.home[:3]) * [1, 1, 0.55]
@@ -273,10 +275,10 @@ class _Live:
         self.place = tuple((view.z * units).tolist())
         self.session.poses = {self.robot: self.place}
         turns = Rotation.from_quat(placed.wxyz[:, [1, 2, 3, 0]]).as_matrix() @ _Y_TO_Z
-        for k, (bar, radius) in enumerate(zip(self.bars, self.stage.radii, strict=True)):
+        for k, bar in enumerate(self.bars):
             bar.move(*placed.positions[k].tolist())
             bar.rotate_R(turns[k].tolist())
-            bar.scale(radius, float(placed.scales[k, 2]), radius)
+            bar.scale(1.0, float(placed.scales[k, 2]), 1.0)
         self.ball.move(*self.place[:3])
         self.readings.set_content(panel(view))
 
