@@ -5,7 +5,12 @@ import re
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from deltaid.errors import visible
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 # Called with a sentence before each stage.
 Progress = Callable[[str], None]
@@ -33,7 +38,9 @@ def watched(watch: Watch, title: str) -> Generator[Progress, None, None]:
     elif _in_notebook():
         yield from _shown_in_notebook(title)
     else:
-        yield from _shown_in_terminal(title)
+        from rich.console import Console
+
+        yield from shown_in_terminal(Console(stderr=True), f"{title}: ")
 
 
 def _shell() -> Any:
@@ -75,20 +82,25 @@ def _shown_in_notebook(title: str) -> Generator[Progress, None, None]:
         handle.update({"text/plain": "", "text/html": ""}, raw=True)
 
 
-def _shown_in_terminal(title: str) -> Generator[Progress, None, None]:
-    from rich.console import Console
-    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+def shown_in_terminal(console: "Console", title: str = "") -> Generator[Progress, None, None]:
+    """A progress bar with the time since the start, the time left and the stage after a title."""
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
+    from rich.progress import TimeRemainingColumn as Left
 
-    text = TextColumn("{task.description}", markup=False)
-    columns = (SpinnerColumn(), BarColumn(bar_width=20), TimeElapsedColumn(), text)
-    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task(f"{title}: starting", total=None)
+    columns = (BarColumn(bar_width=16), TimeElapsedColumn(), TextColumn("left"), Left(),
+               TextColumn("{task.description}", markup=False))  # fmt: skip
+    with Bars(*columns, console=console, transient=True) as bars:
+        task, stage = bars.add_task(f"{title}starting", total=None), ""
 
-        def say(stage: str) -> None:
-            share = share_of(stage)
-            total = None if share is None else 1.0
-            said = f"{title}: {stage}"
-            bars.update(task, description=said, total=total, completed=share or 0.0, refresh=True)
+        def say(text: str, /) -> None:
+            nonlocal task, stage
+            word, share = text.partition(" ")[0], share_of(text)
+            is_new = word != stage
+            if is_new:  # time left is estimated from this stage alone
+                bars.remove_task(task)
+                task, stage = bars.add_task("", total=None if share is None else 1.0), word
+            said = visible(f"{title}{text}")
+            bars.update(task, description=said, completed=share or 0.0, refresh=is_new)
 
         yield say

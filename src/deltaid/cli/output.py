@@ -22,6 +22,7 @@ from rich.text import Text
 import deltaid
 from deltaid.errors import DeltaidError, visible
 from deltaid.files import together, write_bytes
+from deltaid.progress import shown_in_terminal
 from deltaid.view.page import WIDEST
 from deltaid.view.page import Table as Finished
 
@@ -270,25 +271,7 @@ def progress(silent: bool) -> Generator[Callable[[str], None], None, None]:
     if silent or not error_console.is_terminal:
         yield lambda _: None
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-    from rich.progress import TimeRemainingColumn as Left
-
-    from deltaid.progress import share_of
-
-    columns = (BarColumn(bar_width=16), TimeElapsedColumn(), TextColumn("left"), Left(),
-               TextColumn("{task.description}", markup=False))  # fmt: skip
-    with Progress(*columns, console=error_console, transient=True) as bars:
-        task, stage = bars.add_task("starting", total=None), ""
-
-        def say(text: str, /) -> None:
-            nonlocal task, stage
-            word, share = text.partition(" ")[0], share_of(text)
-            if word != stage:  # time left is estimated from this stage alone
-                bars.remove_task(task)
-                task, stage = bars.add_task(text, total=None if share is None else 1.0), word
-            bars.update(task, description=visible(text), completed=share or 0.0)
-
-        yield say
+    yield from shown_in_terminal(error_console)
     sys.stderr.flush()
 
 
