@@ -14,7 +14,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.model.model import load
 from deltaid.robot.load import load_robot
 from deltaid.view.animation import outward_faces
-from deltaid.view.at_pose import home_view, moved
+from deltaid.view.at_pose import moved, standing
 from deltaid.view.drawing import along
 from deltaid.view.live import cylinder
 from deltaid.view.reach import good, reach, survey
@@ -52,7 +52,7 @@ def test_readings_are_those_of_kinematics_and_dynamics(name: str) -> None:
 def test_out_of_reach_the_robot_stays_and_says_why() -> None:
     robot = at_rest("clavel-delta3")
     asked = np.array([0.1, 0.2, -1.0])
-    view = moved(robot, home_view(robot), asked)
+    view = moved(robot, standing(robot, robot.home), asked)
     asked[:] = 0  # views keep no one else's array
     assert view.message == ""
     stayed = moved(robot, view, np.array([0.1, 0.2, -3.0]))
@@ -68,7 +68,7 @@ def test_out_of_reach_the_robot_stays_and_says_why() -> None:
 
 def test_a_pose_beyond_limits_is_shown_and_they_are_named() -> None:
     robot = at_rest("clavel-delta3")
-    view = moved(robot, home_view(robot), np.array([-0.75, 0.0, -1.0]))
+    view = moved(robot, standing(robot, robot.home), np.array([-0.75, 0.0, -1.0]))
     np.testing.assert_array_equal(view.z, [-0.75, 0.0, -1.0])
     over = {name for name, share in view.limits.items() if share > 1}
     assert "workspace radius" in over

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from deltaid.dynamics.limits import AtRest
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.model.model import load
-from deltaid.view.at_pose import View, home_view, moved
+from deltaid.view.at_pose import View, moved, standing
 from deltaid.view.drawing import (
     DrawnBody,
     Placement,
@@ -93,7 +93,7 @@ def robot_at(
     """
     rest, skeleton = _built(robot, changed)
     units = _units(rest)
-    view = moved(rest, home_view(rest), np.asarray(before, dtype=float) / units)
+    view = moved(rest, standing(rest, rest.home), np.asarray(before, dtype=float) / units)
     view = moved(rest, view, np.asarray(wanted, dtype=float) / units)
     return view, along(skeleton.evaluate(view.z[None])[0], 1.0)
 

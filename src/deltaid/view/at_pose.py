@@ -44,11 +44,6 @@ class View:
     message: str = ""
 
 
-def home_view(robot: AtRest) -> View:
-    """The view of the robot at home."""
-    return _standing(robot, robot.home)
-
-
 def moved(robot: AtRest, view: View, wanted: Float[np.ndarray, " dof"]) -> View:
     """The view after a request for another pose.
 
@@ -58,12 +53,13 @@ def moved(robot: AtRest, view: View, wanted: Float[np.ndarray, " dof"]) -> View:
     wanted = np.array(wanted, dtype=float)  # a copy, because views are immutable
     finite = bool(np.all(np.isfinite(wanted)))
     if finite and robot(wanted[None]).stands[0]:
-        return _standing(robot, wanted)
+        return standing(robot, wanted)
     why = robot.why_not(wanted) if finite else "the pose is no number"
     return replace(view, message=f"{why}; the robot stays where it was")
 
 
-def _standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
+def standing(robot: AtRest, z: Float[np.ndarray, " dof"]) -> View:
+    """The view of the robot at a pose where it stands, such as `robot.home`."""
     poses, units = robot(z[None]), robot.robot.drive_units
     drives = tuple(
         DriveReading(name, u.per_shown * q, u.shown, torque, u.force)

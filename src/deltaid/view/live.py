@@ -15,7 +15,7 @@ from deltaid.libraries import require
 from deltaid.mechanism.skeleton import Skeleton
 from deltaid.view import style
 from deltaid.view.animation import outward_faces
-from deltaid.view.at_pose import View, home_view, moved, panel
+from deltaid.view.at_pose import View, moved, panel, standing
 from deltaid.view.drawing import Placement, along, members, outline_segments
 from deltaid.view.own_page import HOST, answering_own_page_only
 from deltaid.view.reach import limit_kinds, patches, reach
@@ -56,7 +56,7 @@ class LiveView:
     def __init__(self, robot: AtRest, port: int = 0) -> None:
         viser = require_viser()
         self.robot = robot
-        self.view: View = home_view(robot)
+        self.view: View = standing(robot, robot.home)
         self._lock = threading.RLock()
         with _silence(), answering_own_page_only():
             self.server = viser.ViserServer(HOST, port, robot.robot.name, verbose=False)
