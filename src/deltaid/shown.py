@@ -20,12 +20,10 @@ class Named:
 
     def __dir__(self) -> list[str]:
         """Names of the package's own classes, without those of foreign base classes."""
-        own = {name for name in vars(self) if not name.startswith("_")}
-        for kind in type(self).__mro__:
-            if kind.__module__.partition(".")[0] == "deltaid":
-                own |= {name for name in vars(kind) if not name.startswith("_")}
-                own |= {n for n in vars(kind).get("__annotations__", {}) if not n.startswith("_")}
-        return sorted(own - _OF_PYDANTIC)
+        kinds = [k for k in type(self).__mro__ if k.__module__.partition(".")[0] == "deltaid"]
+        fields = (vars(kind).get("__annotations__", {}) for kind in kinds)
+        names = set[str]().union(vars(self), *map(vars, kinds), *fields) - _OF_PYDANTIC
+        return sorted(name for name in names if not name.startswith("_"))
 
 
 class Shown(Named):
