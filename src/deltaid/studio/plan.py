@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Literal
 
 from pydantic import Field
@@ -103,17 +104,13 @@ class Store:
         self._seen = self._stamp()
         self.changes.append(shown_by)
 
-    def look(self) -> bool:
+    def look(self) -> None:
         """Redraw all pages if another program has changed a file."""
-        if self._stamp() == self._seen:
-            return False
-        try:
-            self.plan = self._read()
-        except DeltaidError:  # while it is edited by hand: the last valid plan holds
-            self._seen = self._stamp()
-            return False
-        self.redraw()
-        return True
+        if (stamps := self._stamp()) != self._seen:
+            self._seen = stamps
+            with suppress(DeltaidError):  # while it is edited by hand: the last valid plan holds
+                self.plan = self._read()
+                self.redraw()
 
     def _read(self) -> Plan:
         return _parsed(self.folder.text(FILE) if self.folder.has(FILE) else "")
