@@ -36,11 +36,9 @@ def law(
     p: Float[np.ndarray, " parameters"],
 ) -> Float[np.ndarray, " samples"]:
     """Friction of a joint over its speed for parameters p, without the load-dependent part."""
-    coefficients, total = p[parameter_layout(robot).friction].tolist(), np.zeros_like(speed)
-    for term, coefficient in zip(robot.friction_terms, coefficients, strict=True):
-        if term.joint == joint and not term.of_load:
-            total += coefficient * term.values(speed)
-    return total
+    terms = zip(robot.friction_terms, p[parameter_layout(robot).friction].tolist(), strict=True)
+    own = (size * x.values(speed) for x, size in terms if x.joint == joint and not x.of_load)
+    return sum(own, np.zeros_like(speed))
 
 
 def _laws(model: Model, comparisons: tuple[TorqueComparison, ...]) -> Figure:
