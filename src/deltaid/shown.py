@@ -31,10 +31,10 @@ class Shown(Named):
 
     def __repr__(self) -> str:
         """A few lines: the object and its main numbers."""
-        return _notebook("show", "text")(self)
+        return _notebook("text")(self)
 
     def _repr_html_(self) -> str:
-        return _notebook("show", "html")(self)
+        return _notebook("html")(self)
 
 
 class Plotted:
@@ -46,7 +46,7 @@ class Plotted:
         Raises:
             DeltaidError: there is nothing to draw.
         """
-        return _notebook("show", "figure")(self)
+        return _notebook("figure")(self)
 
 
 class Tabled:
@@ -62,7 +62,7 @@ class Tabled:
         Raises:
             DeltaidError: pandas is not installed, or the library is neither of the two.
         """
-        return _notebook("show", "frame")(self, library)
+        return _notebook("frame")(self, library)
 
 
 class Reported:
@@ -74,12 +74,12 @@ class Reported:
         Raises:
             DeltaidError: the file cannot be written, or what the page needs is missing.
         """
-        return _notebook("show", "report")(self, path)
+        return _notebook("report")(self, path)
 
 
 # Names of pydantic that `Part` overrides and that users do not need.
 _OF_PYDANTIC = {"model_config", "model_copy", "model_fields", "model_post_init"}
 
 
-def _notebook(module: str, name: str) -> Any:
-    return getattr(import_module(f"deltaid.view.{module}"), name)
+def _notebook(name: str) -> Any:
+    return getattr(import_module("deltaid.view.show"), name)

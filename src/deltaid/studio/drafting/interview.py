@@ -122,7 +122,7 @@ def require_group(draft: Draft, group: Group) -> Draft:
     _require_ordered(draft.values)
     if group == "lengths" or (group == "tool" and draft.kind in ARTICULATED):
         return _with_space(draft)
-    complete = (draft if group == "workspace" else _without(draft, _SPACE)).completed()
+    complete = (draft if group == "workspace" else _without_space(draft)).completed()
     if group == "workspace":
         _require_ordered(complete.values)
         _refuse(complete, of_robot(description(complete)))
@@ -142,7 +142,7 @@ def _with_space(draft: Draft) -> Draft:
         DeltaidError: the lengths are inconsistent, or nothing is within reach.
     """
     draft = _own_space(draft)
-    bare = _without(draft, _SPACE)
+    bare = _without_space(draft)
     a = _with_reach(bare, 1.0, -2.0, -1.0).completed().values
     _require_ordered(a)
     middle, half = height(draft.kind, a), _FIRST * a["strut"]
@@ -166,14 +166,14 @@ def _own_space(draft: Draft) -> Draft:
     keys = [question.key for question in questions_of(draft.kind) if question.group == "lengths"]
     if all(draft.values.get(k, draft.offered.get(k)) == draft.offered.get(k) for k in keys):
         return draft
-    return replace(draft, offered={k: v for k, v in draft.offered.items() if k not in _SPACE})
+    return replace(_without_space(draft), values=draft.values)
 
 
-def _without(draft: Draft, keys: tuple[str, ...]) -> Draft:
+def _without_space(draft: Draft) -> Draft:
     return replace(
         draft,
-        values={k: v for k, v in draft.values.items() if k not in keys},
-        offered={k: v for k, v in draft.offered.items() if k not in keys},
+        values={k: v for k, v in draft.values.items() if k not in _SPACE},
+        offered={k: v for k, v in draft.offered.items() if k not in _SPACE},
     )
 
 
