@@ -9,10 +9,10 @@ import sys
 import tempfile
 import threading
 from collections.abc import Generator, Iterable
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 from deltaid.errors import DeltaidError, visible
 
@@ -192,17 +192,14 @@ def _signals_held() -> Generator[None, None, None]:
     other thread, and Python would still run its handler in this one.
     """
     held: list[int] = []
-    before = dict[int, Any]()
-    if threading.current_thread() is threading.main_thread():
-        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-            number = getattr(signal, name, None)
-            if number is not None and signal.getsignal(number) is not None:
-                before[number] = signal.signal(number, lambda number, _: held.append(number))
-    try:
+    is_main = threading.current_thread() is threading.main_thread()
+    names = ("SIGINT", "SIGTERM", "SIGHUP") if is_main else ()
+    with ExitStack() as after:
+        for number in [getattr(signal, name) for name in names if hasattr(signal, name)]:
+            if signal.getsignal(number) is not None:
+                before = signal.signal(number, lambda number, _: held.append(number))
+                after.callback(signal.signal, number, before)
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
     for number in held:
         signal.raise_signal(number)
 

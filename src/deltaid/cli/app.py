@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Generator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from inspect import cleandoc
 from io import TextIOWrapper
 from pathlib import Path
@@ -177,12 +177,10 @@ def _cleaning_up() -> Generator[None, None, None]:
 
     names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
     signals = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    before = {number: signal.signal(number, on_end) for number in signals}
-    try:
+    with ExitStack() as after:
+        for number in signals:
+            after.callback(signal.signal, number, signal.signal(number, on_end))
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _keep_to_address_space() -> None:

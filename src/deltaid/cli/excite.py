@@ -2,7 +2,7 @@
 
 import signal
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import groupby
 from pathlib import Path
 from threading import Event
@@ -193,11 +193,9 @@ def _stop_on_interrupt() -> Generator[Event, None, None]:
             raise KeyboardInterrupt
         stop.set()
 
-    before = signal.signal(signal.SIGINT, on_interrupt)
-    try:
+    with ExitStack() as after:
+        after.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, on_interrupt))
         yield stop
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _as_dictionary(result: "deltaid.Excitation") -> dict[str, Any]:
