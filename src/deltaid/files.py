@@ -126,7 +126,7 @@ def _replacing(path: Path) -> Generator[int, None, None]:
         target, handle, name = _begin(path)
         temporary, complete = Path(name), False
         try:
-            with _telling(path):
+            with refusing(path):
                 yield handle
                 temporary.chmod(0o666 & ~_umask())
                 complete = True
@@ -140,7 +140,7 @@ def _replacing(path: Path) -> Generator[int, None, None]:
 
 def _begin(path: Path) -> tuple[Path, int, str]:
     """The resolved path, and an open temporary file in its folder or the nearest existing one."""
-    with _telling(path, _NO_PLACE):
+    with refusing(path, kinds=_NO_PLACE):
         target = path.resolve()  # keeps a link, and replaces its target
         if target.is_dir():
             raise DeltaidError("is a folder; give the name of a file", where=str(path))
@@ -209,14 +209,14 @@ def _appear(finished: list[_Finished]) -> None:
     made: list[Path] = []
     try:
         for path, target, _ in finished:
-            with _telling(path):
+            with refusing(path):
                 for folder in reversed(target.parents):
                     if not folder.is_dir():
                         folder.mkdir()
                         made.append(folder)
         with _signals_held():
             for path, target, temporary in finished:
-                with _telling(path):
+                with refusing(path):
                     temporary.replace(target)
     except DeltaidError:
         for folder in reversed(made):  # only the empty ones
@@ -226,18 +226,21 @@ def _appear(finished: list[_Finished]) -> None:
 
 
 @contextmanager
-def _telling(
-    path: Path, kinds: tuple[type[Exception], ...] = (OSError,)
-) -> Generator[None, None, None]:
-    """Turn a failure inside into an error that says which path cannot be written, and why."""
+def refusing(
+    path: str | Path, what: str = "cannot be written",
+    cure: str = "check the folder's permissions and the space left, or give another place",
+    kinds: tuple[type[Exception], ...] = (OSError,),
+) -> Generator[None, None, None]:  # fmt: skip
+    """Turn a failure inside into an error that says what cannot be done with which path, and why.
+
+    Raises:
+        DeltaidError: an error of one of these kinds was raised.
+    """
     try:
         yield
     except kinds as error:
-        raise DeltaidError(
-            f"cannot be written: {getattr(error, 'strerror', None) or error}",
-            where=str(path).replace("\0", "\\0"),
-            cure="check the folder's permissions and the space left, or give another place",
-        ) from None
+        reason, where = getattr(error, "strerror", None) or error, str(path).replace("\0", "\\0")
+        raise DeltaidError(f"{what}: {reason}", where=where, cure=cure) from None
 
 
 def _umask() -> int:
@@ -254,14 +257,14 @@ def new_folder(path: Path) -> Generator[Path, None, None]:
         DeltaidError: the name is taken, or the folder cannot be written.
     """
     target = _free_place(path)
-    with _telling(path, _NO_PLACE):
+    with refusing(path, kinds=_NO_PLACE):
         parent = next(folder for folder in target.parents if folder.is_dir())
         _remove_abandoned(parent)
         temporary = Path(
             tempfile.mkdtemp(dir=parent, prefix=_prefix(os.getpid()), suffix=_UNFINISHED)
         )
     try:
-        with _telling(path):
+        with refusing(path):
             yield temporary
             temporary.chmod(0o777 & ~_umask())
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -292,7 +295,7 @@ def resolved(path: Path) -> Path:
     Raises:
         DeltaidError: it holds a NUL, or a link to itself.
     """
-    with _telling(path, _NO_PLACE):
+    with refusing(path, kinds=_NO_PLACE):
         return path.resolve()
 
 

@@ -11,11 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deltaid.errors import DeltaidError
-from deltaid.files import DEVICES, YAML_ENDINGS, write_bytes
+from deltaid.files import DEVICES, YAML_ENDINGS, refusing, write_bytes
 from deltaid.recording.table import FORMATS
 from deltaid.robot.load import LARGEST_FILE, holds_a_model, read_text
 
 RUNS = "runs"
+# What is wrong with a folder or file, and the fix, if the operating system refuses it.
+UNUSABLE = (
+    "cannot be used", "see whether the folder is still there, may be written to, and has room"
+)  # fmt: skip
 _PACKED = (".gz", ".zst", ".zstd")
 # Top-level keys that identify a file's kind.
 _ROBOT = re.compile(r"^(limbs|mechanism)\s*:", re.MULTILINE)
@@ -47,7 +51,7 @@ class Folder:
         Raises:
             DeltaidError: it cannot be made or written to, or is a file.
         """
-        with refusing(str(path), cure="give the name of a folder that you may write to"):
+        with refusing(path, UNUSABLE[0], "give the name of a folder that you may write to"):
             path.mkdir(parents=True, exist_ok=True)
             tempfile.TemporaryFile(dir=path).close()
         return Folder(path.resolve())
@@ -171,19 +175,3 @@ def stamp(path: Path) -> tuple[int, int] | None:
         return known.st_size, known.st_mtime_ns
     except OSError:
         return None
-
-
-@contextmanager
-def refusing(
-    where: str, what: str = "cannot be used",
-    cure: str = "see whether the folder is still there, may be written to, and has room",
-) -> Generator[None, None, None]:  # fmt: skip
-    """Turn errors of the operating system into errors of the program.
-
-    Raises:
-        DeltaidError: a file or folder cannot be made, read or copied.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise DeltaidError(f"{what}: {error.strerror or error}", where=where, cure=cure) from None

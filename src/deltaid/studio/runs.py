@@ -14,11 +14,11 @@ from typing import Any
 from pydantic import Field
 
 from deltaid.errors import DeltaidError
-from deltaid.files import YAML_ENDINGS, write_bytes
+from deltaid.files import YAML_ENDINGS, refusing, write_bytes
 from deltaid.model.model import load
 from deltaid.robot.load import catalogue, parse, yaml_text
 from deltaid.robot.part import Part
-from deltaid.studio.folder import RUNS, Folder, refusing
+from deltaid.studio.folder import RUNS, UNUSABLE, Folder
 from deltaid.studio.steps import Kind, Step
 from deltaid.view.numbers import number, percent
 
@@ -73,7 +73,7 @@ def new_run(folder: Folder, kind: str) -> str:
     Raises:
         DeltaidError: it cannot be made.
     """
-    with refusing(RUNS):
+    with refusing(RUNS, *UNUSABLE):
         (folder.root / RUNS).mkdir(exist_ok=True)
         while True:
             name = next_run(folder, kind)
@@ -101,7 +101,7 @@ def keep_inputs(folder: Folder, run: str, step: Step) -> tuple[Input, ...]:
         if name in catalogue() or not folder.has(name):
             continue
         path, kept = folder.path(name), folder.root / run / "inputs" / name
-        with refusing(name):
+        with refusing(name, *UNUSABLE):
             if name.endswith(YAML_ENDINGS) and "/" not in name:
                 kept.parent.mkdir(exist_ok=True)
                 shutil.copyfile(path, kept)

@@ -8,7 +8,8 @@ from typing import Any
 from nicegui import events, ui
 
 from deltaid.errors import DeltaidError
-from deltaid.studio.folder import Folder, refusing
+from deltaid.files import refusing
+from deltaid.studio.folder import Folder
 from deltaid.studio.session import Session
 
 
