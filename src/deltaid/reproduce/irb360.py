@@ -84,7 +84,6 @@ class Irb360:
         settings: of motions and recordings.
         dynamics, truth: of the stand-in.
         priors: by column of Table I.
-        runs: the motions by name: identify, slow, fast.
         recordings: by file name.
         candidates: to be compared, by name.
         tracks: the verification motions: 'slow', as in Sec. VIII C, and 'fast', as fast as the
@@ -96,7 +95,6 @@ class Irb360:
     dynamics: Dynamics
     truth: Parameters
     priors: dict[str, RobotDescription]
-    runs: dict[str, Run]
     recordings: dict[str, pl.DataFrame]
     candidates: dict[str, Candidate]
     tracks: dict[str, Track]
@@ -140,15 +138,14 @@ def reproduce_irb360(
         for name, recording in recordings.items():
             write_recording(recording, Path(folder) / name)
         candidates = _candidates(priors, Path(folder) / "identify.csv", progress)
-        tracks = {}
+        tracks, true = {}, Candidate(dynamics.robot, truth)
         for motion in ("slow", "fast"):
             progress(f"verifying on the {motion} motion")
             log = Path(folder) / f"{motion}.csv"
             (recording,) = open_recordings([log], dynamics.kinematics, keep_all=True)
-            stand_in_as = Candidate(dynamics.robot, truth)
-            tracks[motion] = _track(runs[motion], settings, stand_in_as, candidates, recording)
+            tracks[motion] = _track(runs[motion], settings, true, candidates, recording)
     seconds = time.perf_counter() - began
-    return Irb360(settings, dynamics, truth, priors, runs, recordings, candidates, tracks, seconds)
+    return Irb360(settings, dynamics, truth, priors, recordings, candidates, tracks, seconds)
 
 
 def _motions(
@@ -169,19 +166,17 @@ def _motions(
 def _candidates(
     priors: dict[str, RobotDescription], log: Path, progress: Progress
 ) -> dict[str, Candidate]:
-    runs = {}
+    runs, plain = {}, Settings(friction="described", effects="none")
     for name, column in _PRIORS.items():
         progress(f"identifying from {column}")
-        plain = Settings(friction="described", effects="none")
         runs[name] = identify(priors[column], [log], settings=plain)
     progress("choosing friction laws")
     chosen = identify(priors["RG geom"], [log], settings=Settings(effects="none"))
     geom = runs[GEOM]
-    robot = geom.model.robot
     return {
-        BASE: Candidate(robot, geom.problem.estimate.full),
+        BASE: Candidate(geom.model.robot, geom.problem.estimate.full),
         **{name: _candidate(result.model) for name, result in runs.items()},
-        RETUNED_4: Candidate(robot, _retuned(geom.model)),
+        RETUNED_4: Candidate(geom.model.robot, _retuned(geom.model)),
         CHOSEN: _candidate(chosen.model),
     }
 

@@ -263,7 +263,7 @@ def _figure_7(result: Irb360) -> Figure:
     for i in range(len(drives)):
         _traces(figure, result, "slow", (BASE, GEOM), drive=i, row=i + 1)
     return Figure(
-        figure.update_layout(hovermode="closest"),
+        style.one_legend(figure.update_layout(hovermode="closest")),
         "Fig. 7 with the stand-in: torques on the slow verification motion, measured and predicted "
         "by base parameters and by the consistent fit. Three drives fit; drive 4 does not, for "
         "either method.",
@@ -283,7 +283,7 @@ def _figure_8(result: Irb360) -> Figure:
         figure.update_xaxes(title_text="time [s]", row=row, col=1)
     figure.update_layout(height=620, hovermode="closest", legend={"y": 1.06})
     return Figure(
-        figure,
+        style.one_legend(figure),
         "Fig. 8 and beyond: torque of drive 4. Retuned by hand for the slow motion as in the "
         "paper, the model fails on the fast one. The law chosen from the fast identification "
         "recording fits both; the slow motion was not part of the fit.",
@@ -337,8 +337,6 @@ def _traces(
             x=time,
             y=values[:, drive].astype(np.float32),
             name=name,
-            legendgroup=name,
-            showlegend=row == 1,
             mode="lines",
             line={"color": color, "width": width},
             row=row,

@@ -232,8 +232,8 @@ def reproduce_surrogate(
         terms=motion_terms(dynamics, along, truth),
         recordings=recordings,
     )
-    result = replace(result, fits=_fits(result, progress))
-    return replace(result, seconds=time.perf_counter() - began)
+    fits = _fits(result, progress)
+    return replace(result, fits=fits, seconds=time.perf_counter() - began)
 
 
 def recording_name(kind: str, *, noisy: bool) -> str:

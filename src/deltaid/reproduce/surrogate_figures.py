@@ -87,11 +87,11 @@ def mass_figure(result: Reproduction) -> Figure:
     for k, (i, j) in enumerate(entries):
         for fit in result.certified:
             error = 100 * (result.terms.M[:, i, j] - fit.terms.M[:, i, j]) / reference[i, j]
-            _line(figure, result, fit, error, k // 2 + 1, k % 2 + 1, first=k == 0)
+            _line(figure, result, fit, error, k // 2 + 1, k % 2 + 1)
     figure.update_yaxes(title_text="[%]", col=1)
     figure.update_xaxes(title_text="time [s]", row=rows)
     return Figure(
-        figure,
+        style.one_legend(figure),
         "Fig. 4 of the paper for our surrogate: error of each entry of the mass matrix over one "
         "period, nominal minus identified, relative to the entry's mean. Entries between the "
         "fourth drive and the others change sign along the motion, so that their mean says "
@@ -117,8 +117,6 @@ def torque_figure(
             x=result.period.time.astype(np.float32),
             y=of(result.terms)[:, i].astype(np.float32),
             name="nominal",
-            legendgroup="nominal",
-            showlegend=i == 0,
             mode="lines",
             line={"color": _NOMINAL, "width": 3.5},
             row=i + 1,
@@ -126,13 +124,13 @@ def torque_figure(
         )
         for fit in result.certified:
             if fit.noisy:
-                _line(figure, result, fit, of(fit.terms)[:, i], i + 1, 1, first=i == 0)
+                _line(figure, result, fit, of(fit.terms)[:, i], i + 1, 1)
             error = of(result.terms)[:, i] - of(fit.terms)[:, i]
-            _line(figure, result, fit, error, i + 1, 2, first=i == 0 and not fit.noisy)
+            _line(figure, result, fit, error, i + 1, 2)
         figure.update_yaxes(title_text=drive, row=i + 1, col=1)
     figure.update_xaxes(title_text="time [s]", row=len(drives))
     figure.update_yaxes(exponentformat="power")
-    return Figure(figure, caption)
+    return Figure(style.one_legend(figure), caption)
 
 
 def sweep_figure(result: Reproduction) -> Figure:
@@ -148,7 +146,6 @@ def sweep_figure(result: Reproduction) -> Figure:
     for row, claim in enumerate(CLAIMS, start=1):
         for fit in result.certified:
             place = {"row": row, "col": 2 if fit.noisy else 1}
-            own = {"legendgroup": fit.prior, "showlegend": row == 1 and not fit.noisy}
             figure.add_scatter(
                 x=[point.gamma for point in fit.sweep],
                 y=[100 * claim.value_of(point.accuracy) for point in fit.sweep],
@@ -156,7 +153,6 @@ def sweep_figure(result: Reproduction) -> Figure:
                 mode="lines+markers",
                 line={"color": _COLOR[fit.prior], "width": 1.6},
                 marker={"size": 4},
-                **own,
                 **place,
             )
             figure.add_scatter(
@@ -165,7 +161,6 @@ def sweep_figure(result: Reproduction) -> Figure:
                 name=f"γ by the rule, {fit.prior}",
                 mode="markers",
                 marker={"color": _COLOR[fit.prior], "size": 12, "symbol": "star"},
-                **(own | {"legendgroup": f"rule {fit.prior}"}),
                 **place,
             )
         figure.add_hline(y=100 * claim.share, line={"color": _PAPER, "dash": "dash"}, row=row)
@@ -174,7 +169,7 @@ def sweep_figure(result: Reproduction) -> Figure:
     figure.update_yaxes(type="log", exponentformat="power", title_font_size=11)
     figure.update_xaxes(title_text="γ_p/γ_τ", row=len(CLAIMS))
     return Figure(
-        figure,
+        style.one_legend(figure),
         "Largest errors of the global optimum over γ_p/γ_τ. Stars: the γ that maximum a posteriori "
         "chooses from the estimated noise. Dashed: what the paper reports. Without noise the "
         "errors are the regularisation's pull alone and grow with γ; with noise a smaller γ gains "
@@ -254,16 +249,11 @@ def _line(
     values: np.ndarray,
     row: int,
     col: int,
-    *,
-    first: bool,
 ) -> None:
-    name = f"{fit.name}{', with noise' if fit.noisy else ', without noise'}"
     figure.add_scatter(
         x=result.period.time.astype(np.float32),
         y=values.astype(np.float32),
-        name=name,
-        legendgroup=name,
-        showlegend=first,
+        name=f"{fit.name}, {'with' if fit.noisy else 'without'} noise",
         mode="lines",
         line={
             "color": _COLOR[fit.prior],
