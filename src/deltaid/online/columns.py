@@ -133,8 +133,11 @@ def judged_wiring(
         if verdict.key in _ELSEWHERE:
             continue
         if verdict.grade is Grade.WRONG:
-            cure = f"{verdict.cure}; `deltaid check` shows more"
-            raise RecordingError(verdict.finding, where=str(opened.path), cure=cure)
+            raise RecordingError(
+                verdict.finding,
+                where=str(opened.path),
+                cure=f"{verdict.cure}; `deltaid check` shows more",
+            )
         if verdict.grade is Grade.DOUBTFUL:
             doubts.append(
                 Doubt(verdict.seen, cause=verdict.cause, cure=verdict.cure, key=verdict.key)

@@ -79,9 +79,7 @@ def estimates(
     """
     period, n_load, dof = settings.period, len(known.entries.shown), s.qd.numel()
     silent, lowpass = s.gripper <= -0.5, Lowpass.lines(settings.corner, period)
-    parts = s.at_load, s.at_directions, s.at_friction, s.at_lacked
-    sizes = [*(part.stop - part.start for part in parts), dof]
-    kinds = States(np.repeat([0, 1, 2, 1, 3], sizes), period, settings.friction_time)
+    kinds = States(np.append(s.kinds, [3] * dof), period, settings.friction_time)
     kept, doc = kinds.before(fields), "how much more than thought the model lacks of {} drives"
     moving, slow = fields.keep(
         *(Field(f"{kind}_level", dof, doc.format(kind), initial=1.0) for kind in DRIVES)

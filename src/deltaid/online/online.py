@@ -241,7 +241,14 @@ class Online(Named):
         Raises:
             DeltaidError: an input has a wrong shape, or velocities contradict the settings.
         """
-        velocity = {} if self._differenced(qd) else {"qd": qd}
+        if (qd is None) != (self.settings.speed == "differenced"):
+            given = "were not given" if qd is None else "were given"
+            raise DeltaidError(
+                f"velocities are {self.settings.speed} by the settings, but {given}",
+                where="qd",
+                cure="set OnlineSettings.speed to 'measured' or to 'differenced'",
+            )
+        velocity = {} if qd is None else {"qd": qd}
         q, *motion = as_rows(self.model.dynamics.dof, q=q, **velocity, tau=tau)
         columns = [q, *motion]
         for name, given in signals.items():
@@ -255,16 +262,6 @@ class Online(Named):
                 )
             columns.append(np.broadcast_to(values, len(q)))
         return np.column_stack(columns)
-
-    def _differenced(self, qd: Any) -> bool:
-        if (qd is None) != (self.settings.speed == "differenced"):
-            given = "were not given" if qd is None else "were given"
-            raise DeltaidError(
-                f"velocities are {self.settings.speed} by the settings, but {given}",
-                where="qd",
-                cure="set OnlineSettings.speed to 'measured' or to 'differenced'",
-            )
-        return qd is None
 
     def _advance(
         self, inputs: Float[np.ndarray, "samples inputs"]

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from jaxtyping import Int
 
 from deltaid.dynamics.joint_columns import JointMotion, columns_of_drives
 from deltaid.model.model import Model
@@ -38,7 +39,8 @@ class Signals:
             friction, for one unit of each (`OnlineKnowledge`); δ × n.
         smooth_residual, smooth_columns: both through the same filter again. ρ and columns share the
             noise of speeds, which would make loads look lighter; the second filter attenuates it.
-        at_load, at_directions, at_friction, at_lacked: slices of the columns.
+        at_load, at_friction: slices of the columns.
+        kinds: of the columns, as of `States`.
         dry: filtered size of torques that speeds do not determine, of friction near rest and of
             saturated torques; δ.
         at_rest: its size while a drive rests, as long as `smooth_residual` remembers it.
@@ -62,9 +64,8 @@ class Signals:
     smooth_residual: ca.SX
     smooth_columns: ca.SX
     at_load: slice
-    at_directions: slice
     at_friction: slice
-    at_lacked: slice
+    kinds: Int[np.ndarray, " n"]
     dry: ca.SX
     at_rest: ca.SX
     slow: ca.SX
@@ -93,8 +94,9 @@ def signals(
         needed + round(SETTLED * settings.rate / settings.corner),
     )
     (near,) = fields.keep(Field("z", dof, "pose [x, y, z, psi]", initial=tuple(home.tolist())))
-    even = even_rows(fields, u, finite, model, known, settings, wait.cycles)
-    row, skipped, lost, calm, bridged = even
+    row, skipped, lost, calm, bridged = even_rows(
+        fields, u, finite, model, known, settings, wait.cycles
+    )
     (count,) = fields.keep(Field("live", 1, f"good cycles in a row, up to {most}"))
     count = ca.if_else(lost, 0, count)
     fields.following["live"], fields.spoilt["live"] = ca.fmin(count + 1, most), ca.SX(0)
@@ -146,9 +148,8 @@ def signals(
         smooth_residual=smooth[:, 0],
         smooth_columns=smooth[:, 1:],
         at_load=slice(*ends[:2]),
-        at_directions=slice(*ends[1:3]),
         at_friction=slice(*ends[2:4]),
-        at_lacked=slice(*ends[3:]),
+        kinds=np.repeat([0, 1, 2, 1], counts),
         dry=dry,
         at_rest=at_rest,
         slow=slow,
