@@ -68,8 +68,7 @@ class ControlModel:
             acceleration: a.
             rubbing: w.
         """
-        motion = near, q, qd, along, acceleration, rubbing
-        return self._kernel.rows(*motion, uniform=self.p)[0]
+        return self._kernel.rows(near, q, qd, along, acceleration, rubbing, uniform=self.p)[0]
 
     def mass_diagonal(self, q: Samples) -> Float[np.ndarray, " dof"]:
         """Mean diagonal of M over drive coordinates.

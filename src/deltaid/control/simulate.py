@@ -1,7 +1,7 @@
 """Simulation of a controller with one model on a plant with another, along a motion."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -64,10 +64,11 @@ class Conditions:
     def tracked(self, law: Controller, known: ControlModel) -> tuple[Tracking, Ends]:
         """Tracking of a controller with a model on the plant with its load, and with loads two
         standard deviations off, by mass [kg]."""
+        run = partial(
+            track, controller=law, model=known, trajectory=self.motion, drives=self.drives
+        )
         masses = self.payload.ends if self.payload else ()
-        plants = [(mass, self.plant.carrying(mass)) for mass in masses]
-        ends = [(m, track(plant, law, known, self.motion, self.drives)) for m, plant in plants]
-        return track(self.loaded, law, known, self.motion, self.drives), tuple(ends)
+        return run(self.loaded), tuple((mass, run(self.plant.carrying(mass))) for mass in masses)
 
 
 @dataclass(frozen=True, repr=False)
@@ -101,8 +102,9 @@ class Simulation(Shown, Plotted, Tabled, Reported):
         payload, lines = self.conditions.payload, [*self.conditions.remarks]
         if payload is not None:
             known = f"{payload.mass:.4g} kg" if self.payload_known else "nothing"
-            load = f"with a load of {payload.mass:.4g} kg"
-            lines.append(f"{load}, of which the controller knows {known}")
+            lines.append(
+                f"with a load of {payload.mass:.4g} kg, of which the controller knows {known}"
+            )
         for mass, result in self.ends:
             lost = "" if result.ended is None else f", and lost after {result.ended:.3g} s"
             lines.append(
@@ -126,8 +128,9 @@ class Simulation(Shown, Plotted, Tabled, Reported):
         plant = self.conditions.loaded.model_at(0.0)
         if plant.robot.sensors:  # accelerations between the drives' samples
             motion = result.z, result.qd, np.gradient(result.qd, result.time, axis=0)
-            rng = np.random.default_rng(0)
-            columns |= simulated_sensors(compiled(plant.robot), plant.p, *motion, rng)
+            columns |= simulated_sensors(
+                compiled(plant.robot), plant.p, *motion, np.random.default_rng(0)
+            )
         return pl.DataFrame({name: values[result.valid] for name, values in columns.items()})
 
 
@@ -169,8 +172,9 @@ def simulate(
         raise unknown(controller, CONTROLLERS, "controller", "simulate")
     asked = with_options(settings or ControlSettings(), options, "simulate")
     if asked.payload is None and payload_known:
-        cure = "give --payload MASS too"
-        raise DeltaidError("there is no load to know", where="--payload-known", cure=cure)
+        raise DeltaidError(
+            "there is no load to know", where="--payload-known", cure="give --payload MASS too"
+        )
     with watched(progress, "simulate") as say:
         on = conditions(asked, model, motion, plant, columns, duration, say)
         say("simulating")
