@@ -82,8 +82,8 @@ class FrictionSums:
     scale: Float[np.ndarray, "n drives"]
 
     def joined(self, other: "FrictionSums") -> "FrictionSums":
-        pairs = ((getattr(sums, entry.name) for sums in (self, other)) for entry in fields(self))
-        return FrictionSums(*(np.concatenate([*arrays]) for arrays in pairs))
+        pairs = ([getattr(sums, entry.name) for sums in (self, other)] for entry in fields(self))
+        return FrictionSums(*map(np.concatenate, pairs))
 
     def only(self, places: Int[np.ndarray, " some"]) -> "FrictionSums":
         return FrictionSums(*(getattr(self, entry.name)[places] for entry in fields(self)))

@@ -102,8 +102,11 @@ class CarriedColumns(Addition):
 
     @property
     def parameters(self) -> tuple[PriorParameter, ...]:
-        drives = self.dynamics.robot.drives
-        return tuple(entry for drive in drives for entry in _constants(drive, ["carried"], "1"))
+        return tuple(
+            entry
+            for drive in self.dynamics.robot.drives
+            for entry in _constants(drive, ["carried"], "1")
+        )
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
@@ -244,8 +247,11 @@ def _friction(
     """Friction h(v) in a term's joint, or its share of the load, in gathered columns."""
     if term.of_load:
         return {f"carried.{term.joint}": 1.0}
-    speeds = (addition for addition in columns.additions if isinstance(addition, SpeedColumns))
-    group = next(group for group in speeds if group.name == term.joint)
+    group = next(
+        addition
+        for addition in columns.additions
+        if isinstance(addition, SpeedColumns) and addition.name == term.joint
+    )
     names = (parameter.name for parameter in group.parameters)
     return dict(zip(names, group.following(h).tolist(), strict=True))
 

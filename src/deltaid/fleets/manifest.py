@@ -203,8 +203,7 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
 
 
 def _separator(data: bytes) -> str:
-    header = data.partition(b"\n")[0].decode("utf-8", "replace")
-    return max(",;\t", key=header.count)
+    return max(",;\t", key=data.partition(b"\n")[0].decode("utf-8", "replace").count)
 
 
 def _require_columns(table: pl.DataFrame, where: str) -> None:

@@ -146,8 +146,7 @@ def unmeasured(robot: RobotDescription) -> RobotDescription:
 def member_bytes(member: TypeMember) -> bytes:
     known = asdict(member)
     arrays = {key: known.pop(key) for key in _ARRAYS}
-    text = json.dumps(known, default=np.ndarray.tolist)
-    return sealed_archive(known=np.array(text), **arrays)
+    return sealed_archive(known=np.array(json.dumps(known, default=np.ndarray.tolist)), **arrays)
 
 
 def read_member(data: bytes, where: str) -> TypeMember:

@@ -16,7 +16,7 @@ from deltaid.fleets import store
 from deltaid.fleets.factor_file import FactorFile, read
 from deltaid.forked import require_threads
 from deltaid.model.record import IdentifiedModel
-from deltaid.recording.source import POLARS_ERRORS
+from deltaid.recording.source import POLARS_ERRORS, first_line
 
 MADE_AGAIN = "remove it; it is made again"
 # The table of recordings, and the file of the quarantine.
@@ -98,7 +98,7 @@ class Place:
             return pl.read_parquet(BytesIO(data))
         except (OSError, *POLARS_ERRORS) as error:
             raise DeltaidError(
-                f"is no Parquet table: {str(error).splitlines()[0]}",
+                f"is no Parquet table: {first_line(error)}",
                 where=self.path_to(name),
                 cure=cure,
             ) from None
@@ -145,7 +145,7 @@ class Place:
             reasons = table.select(pl.col("key").fill_null(""), "reason").rows()
         except POLARS_ERRORS as error:
             raise DeltaidError(
-                f"cannot be read: {str(error).splitlines()[0]}",
+                f"cannot be read: {first_line(error)}",
                 where=self.path_to(QUARANTINE),
                 cure=MADE_AGAIN,
             ) from None

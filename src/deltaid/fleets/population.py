@@ -186,9 +186,11 @@ def next_robot(population: Population, fleet: str) -> RobotDescription:
     source = f"{text}; spreads are of the next robot; deltaid {version('deltaid')}"
     changed = ("bodies", "friction", "rotor_inertia", "measured")
     sources = population.robot.sources.items()
-    data["sources"] = {key: origin for key, origin in sources if key.split(".")[0] not in changed}
-    data["sources"] |= {f"bodies.{name}": source for name in population.layout.bodies}
-    data["sources"] |= {key: text for key in ("friction", "rotor_inertia") if data[key]}
+    data["sources"] = {
+        **{key: origin for key, origin in sources if key.split(".")[0] not in changed},
+        **{f"bodies.{name}": source for name in population.layout.bodies},
+        **{key: text for key in ("friction", "rotor_inertia") if data[key]},
+    }
     return RobotDescription.model_validate(data)
 
 
@@ -232,8 +234,9 @@ def widest(
             step, now = _newton(of_rows, log, t), _value(of_rows, log, t)
             size = max(float(np.abs(step).max()), 1e-12)
             shares = min(1.0, 3.0 / size) * 0.5 ** np.arange(40)
-            gaining = (x for x in shares.tolist() if _value(of_rows, log + x * step, t) > now)
-            share = next(gaining, 0.0)
+            share = next(
+                (x for x in shares.tolist() if _value(of_rows, log + x * step, t) > now), 0.0
+            )
             log = log + share * step
             if share * size < NEGLIGIBLE:
                 break

@@ -69,8 +69,7 @@ def recorded(files: Sequence[FactorFile]) -> list[DriftRecording]:
     Raises:
         RecordingError: the time of one is unknown.
     """
-    recordings = (DriftRecording(file, _time(file)) for file in files)
-    return sorted(recordings, key=lambda recording: recording.time)
+    return sorted((DriftRecording(file, _time(file)) for file in files), key=lambda log: log.time)
 
 
 def _time(file: FactorFile) -> datetime:
@@ -180,8 +179,10 @@ def kept_since(
         RecordingError: no recording is left.
     """
     since = settings.since
-    kept = [log for log in recordings if since is None or log.time >= since]
-    kept.sort(key=lambda log: (log.time, log.brief.sha256))
+    kept = sorted(
+        (log for log in recordings if since is None or log.time >= since),
+        key=lambda log: (log.time, log.brief.sha256),
+    )
     if not kept:
         raise RecordingError(
             "there is none" if since is None else f"there is none since {since:%Y-%m-%d}",

@@ -52,8 +52,7 @@ def matching(pattern: str) -> dict[str, str]:
     """
     if not is_address(pattern):
         return stamps_of(sorted(glob.glob(pattern, recursive=True)))
-    infos = _request(partial(_system(pattern).glob, pattern, detail=True), pattern)
-    return _stamps(infos, pattern)
+    return _stamps(_request(partial(_system(pattern).glob, pattern, detail=True), pattern), pattern)
 
 
 def stamps_of(paths: Iterable[str]) -> dict[str, str]:
