@@ -167,9 +167,10 @@ def address_of(name: str, manifest: str) -> str:
 
 
 def _of_table(data: bytes, ending: str, where: str) -> Manifest:
+    header = data.partition(b"\n")[0].decode("utf-8", "replace")
     try:
         table = (
-            pl.read_csv(data, separator=_separator(data), infer_schema_length=None)
+            pl.read_csv(data, separator=max(",;\t", key=header.count), infer_schema_length=None)
             if ending == ".csv"
             else pl.read_parquet(BytesIO(data))
         )
@@ -200,10 +201,6 @@ def _of_table(data: bytes, ending: str, where: str) -> Manifest:
         raise DescriptionError("has no rows", where=where, cure="give a row a recording")
     _require_apart(dict.fromkeys(robot.robot for robot in robots), where)
     return Manifest(robots=tuple(robots))
-
-
-def _separator(data: bytes) -> str:
-    return max(",;\t", key=data.partition(b"\n")[0].decode("utf-8", "replace").count)
 
 
 def _require_columns(table: pl.DataFrame, where: str) -> None:
