@@ -202,24 +202,20 @@ class Change:
     detected: ca.SX
 
 
-def gripper_differs(held: ca.SX, gripper: ca.SX) -> ca.SX:
-    """1 where the gripper's signal differs from the state."""
-    return ca.logic_and(gripper > -0.5, (gripper > 0.5) != held)
-
-
 def judge_change(
-    fields: CycleFields, seen: Onset, gripper: ca.SX, mass: ca.SX, spread: ca.SX,
-    least: float, settings: OnlineSettings,
+    fields: CycleFields, seen: Onset, gripper: ca.SX, differs: ca.SX, mass: ca.SX,
+    spread: ca.SX, least: float, settings: OnlineSettings,
 ) -> Change:  # fmt: skip
     """Decide whether the load changes.
 
     Args:
         gripper: 1 holds, 0 empty, -1 unknown.
+        differs: 1 where the gripper's signal differs from the state.
         mass, spread: of the load held, in units of the largest mass.
         least: least mass that is detected, in the same units.
     """
     held, waited, alert = (fields.before[name] for name in ("held", "waited", "alert"))
-    silent, wanted, differs = gripper <= -0.5, gripper > 0.5, gripper_differs(held, gripper)
+    silent, wanted = gripper <= -0.5, gripper > 0.5
     waiting = ca.if_else(differs, waited + settings.period, 0)
     by_gripper = ca.logic_and(differs, waiting > settings.grip_time)
     score, size = seen.score, seen.size

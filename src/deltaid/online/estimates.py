@@ -26,7 +26,7 @@ import numpy as np
 
 from deltaid.estimation.scatter import NORMAL
 from deltaid.model.model import Model
-from deltaid.online.changes import Change, Onsets, estimate_after, gripper_differs, judge_change
+from deltaid.online.changes import Change, Onsets, estimate_after, judge_change
 from deltaid.online.graph import CycleFields, Field, chosen
 from deltaid.online.grips import Grip, chosen_estimate, follow_grip, grip_before
 from deltaid.online.instant import UNKNOWN
@@ -97,7 +97,7 @@ def estimates(
         Field("offset", 1, "of the gripper's signal", "s", UNKNOWN),
     )
     onsets = Onsets.before(fields, 1 - kinds.wander * (1 - kinds.stays), dof, lowpass, period)
-    differs = gripper_differs(held, s.gripper)
+    differs = ca.logic_and(s.gripper > -0.5, (s.gripper > 0.5) != held)
     grip = grip_before(fields, onsets, kept, s.gripper, differs)
     onsets = replace(onsets, open_=grip.open_)
     before = kinds.later(chosen_estimate(grip.closes, grip.likely, kept), held)
@@ -117,7 +117,7 @@ def estimates(
         onsets = onsets.measured(i, twice, update)
     seen = onsets.likeliest
     spread = ca.sqrt(ca.fmax(behind.P[0, 0], 0))
-    change = judge_change(fields, seen, s.gripper, behind.x[0], spread, least, settings)
+    change = judge_change(fields, seen, s.gripper, differs, behind.x[0], spread, least, settings)
     judged = ca.logic_and(silent, ca.fabs(seen.score) > settings.alarm)
     calm = weight * (1 - judged) * (1 - grip.open_)
     learn_levels(fields, parts, behind.part(slice(-dof, None)), calm, period)
