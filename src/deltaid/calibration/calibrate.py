@@ -29,6 +29,7 @@ from deltaid.model.verdict import percent
 from deltaid.recording.memory import RecordingLike
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described, load_yaml, save_yaml
+from deltaid.sensors.planning.knowledge import Knowledge
 from deltaid.sensors.planning.offers import PoseKind
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
@@ -291,29 +292,25 @@ def _result(description: RobotDescription, solution: GeometryFit) -> Calibration
         lost=in_words(known, lost), values=theta, std=std,
         left=float(np.linalg.norm(over.moved @ lost) / np.sqrt(len(over.x))),
         decided=tuple(kinds[k] for k in np.argmax(shares, axis=0)), shares=shares,
-        sessions=_sessions(solution), rank=int(np.sum(np.linalg.svd(A, compute_uv=False) > 1)),
+        sessions=tuple(_session(part, solution.knowledge) for part in solution.readings),
+        rank=int(np.sum(np.linalg.svd(A, compute_uv=False) > 1)),
         before=over.uncertainty(known.G), after=over.uncertainty(known.G @ solution.root),
         places=over, open=open_directions(solution, over),
     )  # fmt: skip
 
 
-def _sessions(solution: GeometryFit) -> tuple[MeasuringSession, ...]:
-    made = []
-    for part in solution.readings:
-        square, freedom = part.chance(solution.knowledge)
-        made.append(
-            MeasuringSession(
-                kind=part.instrument.kind,
-                source=part.instrument.source,
-                readings=len(part.used),
-                excluded=tuple(_excluded(part, int(k)) for k in np.flatnonzero(~part.used)),
-                residual=part.rms * part.noise,
-                noise=part.noise,
-                grown=part.grown,
-                quiet=bool(freedom >= 1 and square * GROWN**2 < chi2.ppf(UNLIKELY, freedom)),
-            )
-        )
-    return tuple(made)
+def _session(part: UsedReadings, knowledge: Knowledge) -> MeasuringSession:
+    square, freedom = part.chance(knowledge)
+    return MeasuringSession(
+        kind=part.instrument.kind,
+        source=part.instrument.source,
+        readings=len(part.used),
+        excluded=tuple(_excluded(part, int(k)) for k in np.flatnonzero(~part.used)),
+        residual=part.rms * part.noise,
+        noise=part.noise,
+        grown=part.grown,
+        quiet=bool(freedom >= 1 and square * GROWN**2 < chi2.ppf(UNLIKELY, freedom)),
+    )
 
 
 def _excluded(part: UsedReadings, k: int) -> str:
