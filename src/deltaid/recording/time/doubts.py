@@ -196,12 +196,10 @@ def _doubt_about_bridges(
         f"{_row(table, holes)}: bridged by the motion about them, torques there do not count"
     )
     slower, cause, cure = slowed(clock, table)
-    if slower:
-        return Doubt(f"{slower}; {missing}", cause=cause, cure=cure, key="clock")
     return Doubt(
-        missing,
-        cause="packets were lost on their way to the logger",
-        cure="nothing is to be done for a few; else log on the controller itself",
+        f"{slower}; {missing}" if slower else missing,
+        cause=cause or "packets were lost on their way to the logger",
+        cure=cure or "nothing is to be done for a few; else log on the controller itself",
         key="clock",
     )
 
