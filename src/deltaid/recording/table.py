@@ -45,8 +45,8 @@ _FOREIGN = {
     rb"(?:\xef\xbb\xbf)?\s*(?:\{|\[\s*[\[{])": "JSON",
     rb"(?i)(?:\xef\xbb\xbf)?\s*<(?:\?xml|!doctype|html)": "XML or a web page",
 }
-# Words for states 1 and 0.
-_TRUE, _FALSE = ("true", "on"), ("false", "off")
+# Numbers of states in words.
+_STATES = {"true": 1.0, "on": 1.0, "false": 0.0, "off": 0.0}
 
 
 @dataclass(frozen=True)
@@ -202,11 +202,9 @@ def _states(numbers: np.ndarray, written: ColumnValues) -> Float[np.ndarray, " r
     """Numbers of a state; words such as true and false become 1 and 0."""
     if not isinstance(written, pl.Series) or written.dtype != pl.String:
         return np.asarray(numbers, dtype=np.float64)
-    text = written.str.strip_chars().str.to_lowercase()
-    values = np.array(numbers, dtype=np.float64)
-    for states, number in ((_TRUE, 1.0), (_FALSE, 0.0)):
-        values[text.is_in(states).fill_null(False).to_numpy()] = number
-    return values
+    words = written.str.strip_chars().str.to_lowercase()
+    states = words.replace_strict(_STATES, default=None, return_dtype=pl.Float64).to_numpy()
+    return np.where(np.isnan(states), numbers, states)
 
 
 def recut(
