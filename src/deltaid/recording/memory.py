@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from deltaid.errors import RecordingError, typed
 from deltaid.forked import require_threads
+from deltaid.mechanism.one_or_many import numbered
 from deltaid.recording.arrays import (
     Units,
     columns_of,
@@ -132,8 +133,7 @@ class Recording(Shown, Plotted, Tabled):
         require_shapes(arrays, name)
         samples, drives = arrays["q"].shape
         columns = {"t": time_of(t, rate, unit_t, samples, name)}
-        for key, array in arrays.items():
-            columns |= {f"{key}{i + 1}": copied(array[:, i]) for i in range(drives)}
+        columns |= {key: copied(column) for key, column in numbered(**arrays).items()}
         columns |= extra_columns(extra or {}, samples, columns, name)
         stated = {"q": unit_q, "qd": unit_qd, "qdd": unit_qdd, "tau": unit_tau}
         units = units_of(stated, unit_t, arrays, name)
