@@ -193,12 +193,38 @@ def test_sweeps_that_alternate_end(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for name, stub in {
         "decided": alternating, "_traces": lambda setup: [None], "_swept": lambda *_: sweep,
+        "_unbarred": lambda *_: (),
         "with_readings": lambda setup, *_: setup, "doubted": lambda outcome, *_: outcome,
         "_judged": lambda bare, end: end,
     }.items():  # fmt: skip
         monkeypatch.setattr(contest_stage, name, stub)
     contest_stage._sweeps(Setup(robot, (), Settings()))
     assert next(number) == 3
+
+
+def test_effects_that_sweeps_dropped_may_act_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where many sweeps had only kept effects; those that explain nothing do not."""
+    odds = list[dict[str, float]]()
+
+    def spied(outcome: ContestOutcome, full: Contest, last: Contest) -> ContestOutcome:
+        suspects = full.suspects(last)
+        odds.append({name: suspect.odds(last) for name, suspect in suspects.items()})
+        assert set(last.shrunk.candidates) <= set(outcome.kept)
+        return doubted(outcome, full, last)
+
+    monkeypatch.setattr(contest_stage, "doubted", spied)
+    identified(case("falling-gain", "delta3"))
+    for of_effect in odds:
+        assert all(abs(of_effect[name]) < 3 for name in ("tilt", "length", "gear-ratio"))
+
+
+@pytest.mark.slow
+def test_torque_constants_that_are_not_certain_widen_intervals() -> None:
+    """Ripples as long as the stroke hide them from the scatter of stretches."""
+    made = case("realistic", "linear")
+    judged = judge(made, identified(made))
+    assert np.mean(judged.base) > 0.9  # 69 % without dropped effects
+    assert any("torque constant" in text and "may act as well" in text for text in judged.texts)
 
 
 def test_gears_become_compliant_in_the_first_sweeps_only(monkeypatch: pytest.MonkeyPatch) -> None:

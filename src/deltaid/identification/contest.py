@@ -107,6 +107,16 @@ class Contest:
         order = nearest_order(self.points, bare, drive, order, searched[drive])
         return ripple_of(self.points[0], drive, order)
 
+    def beside_dropped(
+        self, unknowns: Sequence[UnknownEffect], applied: dict[str, Float[np.ndarray, " _"]]
+    ) -> "Contest":
+        """The same sweep with all of these effects, some of which earlier sweeps dropped."""
+        names = {unknown.name for unknown in unknowns}
+        if names <= {unknown.name for unknown in self.unknowns}:
+            return self
+        whole = contest(self.rows, self.points, unknowns, applied)
+        return whole._with([unknown for unknown in self.unknowns if unknown.name not in names])
+
     def _with(self, unknowns: Sequence[UnknownEffect]) -> "Contest":
         candidates = list[tuple[str, list[Columns], Deviations]]()
         for unknown in unknowns:
@@ -147,6 +157,10 @@ class Contest:
     def reduced(self) -> "Contest":
         """Without the effects that the rows do not need."""
         return replace(self, shrunk=reduced(self.shrunk, DETECTED))
+
+    def keeping(self, names: Collection[str]) -> "Contest":
+        """With only these candidates."""
+        return replace(self, shrunk=self.shrunk.of_candidates(names))
 
     def rivals(self, last: "Contest") -> dict[tuple[str, str], "Contest"]:
         """Contests that the rows do not separate from the reduced one `last`, by the kept effect

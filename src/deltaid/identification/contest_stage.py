@@ -12,7 +12,7 @@ import numpy as np
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS, unknowns_at
 from deltaid.effects.lag_columns import TimingColumns
-from deltaid.effects.point import UnknownEffect, points_of
+from deltaid.effects.point import TracePoint, UnknownEffect, points_of
 from deltaid.errors import KinematicsError
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.scatter import NORMAL
@@ -220,8 +220,11 @@ def _sweeps(
         return _swept(now, after, _traces(now), last.p, sweep, free).reduced()
 
     excludes = errors.any() and not why
+    every = _allowed((*_unbarred(now, full.points[0]), *free), before, 0)
+    whole = full.beside_dropped(every, before.read)
+    kept = last if whole is full else whole.keeping(last.shrunk.candidates)
     end = _Sweeps(
-        bare, doubted(after, full, last), full, last, plain, (last.p - plain, *dismissed), parts,
+        bare, doubted(after, whole, kept), full, last, plain, (last.p - plain, *dismissed), parts,
         why, bool(why), over_all_rows if excludes else None,
     )  # fmt: skip
     return end if why else _judged(bare, end)
@@ -278,9 +281,12 @@ def _swept(
     """One sweep about the recordings as corrected so far."""
     rows = _rows(now)
     points = points_of(traces, start(rows, traces) if p is None else p)
-    unknowns = [u for u in unknowns_at(points[0]) if u.name not in now.barred_effects]
-    unknowns = _allowed((*unknowns, *more), before, sweep)
+    unknowns = _allowed((*_unbarred(now, points[0]), *more), before, sweep)
     return contest(rows, points, unknowns, before.read).with_cable(before.kept).with_ripples()
+
+
+def _unbarred(setup: Setup, point: TracePoint) -> tuple[UnknownEffect, ...]:
+    return tuple(u for u in unknowns_at(point) if u.name not in setup.barred_effects)
 
 
 def _begun(bare: Setup) -> ContestOutcome:
