@@ -13,12 +13,10 @@ from jaxtyping import Float
 
 from deltaid.checks.evidence import WRONG_SCALE
 from deltaid.checks.wiring.candidate import as_good
-from deltaid.checks.wiring.explained import INERTIA, VISCOUS, RemappedRecording
-from deltaid.checks.wiring.residual import residual
+from deltaid.checks.wiring.explained import RemappedRecording
+from deltaid.checks.wiring.residual import UNIT, residual
 from deltaid.checks.wiring.velocity import rates
 from deltaid.model.verdict import Grade, Verdict
-
-_STATIC = [component for component in range(4) if component not in (INERTIA, VISCOUS)]
 
 
 def time_unit_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
@@ -32,24 +30,26 @@ def time_unit_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
         return
     estimated, expected = log.components[:, tied]
     ratios = estimated / np.where(expected == 0, np.nan, expected)
-    inertia, viscous, static = (_usual(ratios[:, k]) for k in ([INERTIA], [VISCOUS], _STATIC))
+    inertia, gravity, viscous, coulomb = (_usual(column) for column in ratios.T)
+    static = coulomb if np.isnan(gravity) else gravity
     factor = float(np.sqrt(inertia / static))
+    speeds = [abs(rate.scale) for rate in rates(log.motion, log.best.map)]
+    confirmed = bool(speeds) and all(_agrees(speed, factor) for speed in speeds)
     far = max(factor, 1 / factor)
-    if not far > np.sqrt(WRONG_SCALE) or not _agrees(viscous / static, factor):
+    if not far**2 > UNIT or not (confirmed or _agrees(viscous / static, factor)):
         return
     if not _is_likelier(log, factor):
         return
-    sure, size = far > WRONG_SCALE, f"about {far:.2g}"
-    speeds = [abs(rate.scale) for rate in rates(log.motion, log.best.map)]
-    if speeds and all(_agrees(speed, factor) for speed in speeds):
-        factor = float(np.median(speeds))
-        sure, size = True, f"{max(factor, 1 / factor):.3g}"
+    factor = float(np.median(speeds)) if confirmed else factor
+    sure, by = confirmed or far > WRONG_SCALE, max(factor, 1 / factor)
+    size = f"{by:.3g}" if confirmed else f"about {by:.2g}"
     rest = "" if sure else ", or inertia and viscous friction are not as described"
     yield Verdict(
         "time-unit",
         Grade.WRONG if sure else Grade.DOUBTFUL,
         f"torques of inertia are {inertia:.3g} times those of the prior, of viscous friction "
-        f"{viscous:.3g} times, of gravity and Coulomb friction {static:.3g} times",
+        f"{viscous:.3g} times, of {'Coulomb friction' if np.isnan(gravity) else 'gravity'} "
+        f"{static:.3g} times",
         cause=f"time is in another unit or cycle, {size} times too "
         f"{'long' if factor > 1 else 'short'}{rest}",
         cure="declare the unit of the time column or its rate, such as time: {column: t, unit: "
@@ -58,7 +58,7 @@ def time_unit_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
     )
 
 
-def _usual(ratios: Float[np.ndarray, "drives components"]) -> float:
+def _usual(ratios: Float[np.ndarray, " drives"]) -> float:
     """The median of positive ratios: a wrong sign is noise. NaN where there are none."""
     positive = ratios[ratios > 0]
     return float(np.median(positive)) if positive.size else np.nan
