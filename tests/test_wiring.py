@@ -9,6 +9,7 @@ from deltaid.checks.evidence import evidence
 from deltaid.checks.wiring.candidate import WiringHypothesis
 from deltaid.checks.wiring.residual import Map, motion, patterns, residual
 from deltaid.checks.wiring.search import _likely
+from deltaid.checks.wiring.time_unit import _agrees, _faster
 from deltaid.checks.wiring.wiring import checked_wiring, checked_wirings
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
@@ -81,6 +82,26 @@ def test_time_in_another_unit(name: str, factor: float) -> None:
     assert alone.key == "time-unit"
     assert alone.grade is (Grade.WRONG if factor in (0.1, 10.0) else Grade.DOUBTFUL)
     assert ("as described" in alone.cause) == (alone.grade is Grade.DOUBTFUL)
+
+
+def test_a_slow_motion_is_not_one_in_another_unit_of_time() -> None:
+    """Its inertia and viscous friction are noise, which may seem eight times too large."""
+    slow = faulty("slow", 110)
+    verdicts = checked_wiring(evidence(slow.robot, slow.table, None))
+    assert "time-unit" not in {verdict.key for verdict in verdicts}
+
+
+def test_a_motion_with_its_time_divided() -> None:
+    name, columns = "clavel-delta3", recorded("clavel-delta3")
+    right, late = (
+        motion(evidence_of(name, given).rows) for given in (columns, times(columns, t=2.0))
+    )
+    assert right is not None
+    assert late is not None
+    timed = _faster(late, 2.0)
+    for rates, true in ((timed.qd, right.qd), (timed.qdd, right.qdd)):
+        assert np.std(rates, axis=0) == pytest.approx(np.std(true, axis=0), rel=0.2)
+    assert [_agrees(ratio, 0.5) for ratio in (0.8, 0.6, 0.4, 0.3)] == [False, True, True, False]
 
 
 def test_heavy_rotors_or_light_friction_are_no_unit_of_time() -> None:

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from deltaid.checks.evidence import WRONG_SCALE
 from deltaid.checks.wiring.candidate import as_good
 from deltaid.checks.wiring.explained import RemappedRecording
-from deltaid.checks.wiring.residual import UNIT, residual
+from deltaid.checks.wiring.residual import UNIT, FilteredMotion, residual
 from deltaid.checks.wiring.velocity import rates
 from deltaid.model.verdict import Grade, Verdict
 
@@ -71,9 +71,12 @@ def _agrees(ratio: float, factor: float) -> bool:
 
 def _is_likelier(log: RemappedRecording, factor: float) -> bool:
     """Whether the recording is clearly likelier with its time divided by a factor."""
-    motion = replace(log.motion, qd=factor * log.motion.qd, qdd=factor**2 * log.motion.qdd)
-    timed = residual(log.evidence.dynamics, motion, log.best.map)
+    timed = residual(log.evidence.dynamics, _faster(log.motion, factor), log.best.map)
     if timed is None:
         return False
     gain = replace(log.best, residual=timed).fit.score - log.best.fit.score
     return gain > as_good(len(timed.Y))
+
+
+def _faster(motion: FilteredMotion, factor: float) -> FilteredMotion:
+    return replace(motion, qd=factor * motion.qd, qdd=factor**2 * motion.qdd)
