@@ -102,9 +102,8 @@ class Simulation(Shown, Plotted, Tabled, Reported):
         payload, lines = self.conditions.payload, [*self.conditions.remarks]
         if payload is not None:
             known = f"{payload.mass:.4g} kg" if self.payload_known else "nothing"
-            lines.append(
-                f"with a load of {payload.mass:.4g} kg, of which the controller knows {known}"
-            )
+            load = f"with a load of {payload.mass:.4g} kg"
+            lines.append(f"{load}, of which the controller knows {known}")
         for mass, result in self.ends:
             lost = "" if result.ended is None else f", and lost after {result.ended:.3g} s"
             lines.append(
@@ -128,9 +127,8 @@ class Simulation(Shown, Plotted, Tabled, Reported):
         plant = self.conditions.loaded.model_at(0.0)
         if plant.robot.sensors:  # accelerations between the drives' samples
             motion = result.z, result.qd, np.gradient(result.qd, result.time, axis=0)
-            columns |= simulated_sensors(
-                compiled(plant.robot), plant.p, *motion, np.random.default_rng(0)
-            )
+            rng = np.random.default_rng(0)
+            columns |= simulated_sensors(compiled(plant.robot), plant.p, *motion, rng)
         return pl.DataFrame({name: values[result.valid] for name, values in columns.items()})
 
 
@@ -172,9 +170,8 @@ def simulate(
         raise unknown(controller, CONTROLLERS, "controller", "simulate")
     asked = with_options(settings or ControlSettings(), options, "simulate")
     if asked.payload is None and payload_known:
-        raise DeltaidError(
-            "there is no load to know", where="--payload-known", cure="give --payload MASS too"
-        )
+        cure = "give --payload MASS too"
+        raise DeltaidError("there is no load to know", where="--payload-known", cure=cure)
     with watched(progress, "simulate") as say:
         on = conditions(asked, model, motion, plant, columns, duration, say)
         say("simulating")

@@ -102,11 +102,8 @@ class CarriedColumns(Addition):
 
     @property
     def parameters(self) -> tuple[PriorParameter, ...]:
-        return tuple(
-            entry
-            for drive in self.dynamics.robot.drives
-            for entry in _constants(drive, ["carried"], "1")
-        )
+        drives = self.dynamics.robot.drives
+        return tuple(entry for drive in drives for entry in _constants(drive, ["carried"], "1"))
 
     @property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
@@ -247,11 +244,8 @@ def _friction(
     """Friction h(v) in a term's joint, or its share of the load, in gathered columns."""
     if term.of_load:
         return {f"carried.{term.joint}": 1.0}
-    group = next(
-        addition
-        for addition in columns.additions
-        if isinstance(addition, SpeedColumns) and addition.name == term.joint
-    )
+    speeds = (addition for addition in columns.additions if isinstance(addition, SpeedColumns))
+    group = next(group for group in speeds if group.name == term.joint)
     names = (parameter.name for parameter in group.parameters)
     return dict(zip(names, group.following(h).tolist(), strict=True))
 

@@ -105,11 +105,8 @@ def _require_kept(call: Call, lost: Counter[str]) -> None:
     Raises:
         DeltaidError: factors would be lost; the message counts the recordings concerned.
     """
-    kept = {
-        why: n
-        for why, n in (+lost).items()
-        if not (call.regather if why == _OTHERWISE else call.drop_absent)
-    }
+    allowed = {_OTHERWISE: call.regather}
+    kept = {why: n for why, n in (+lost).items() if not allowed.get(why, call.drop_absent)}
     if kept:
         raise DeltaidError(
             "would lose what was gathered of " + "; of ".join(

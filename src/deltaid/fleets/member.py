@@ -146,7 +146,8 @@ def unmeasured(robot: RobotDescription) -> RobotDescription:
 def member_bytes(member: TypeMember) -> bytes:
     known = asdict(member)
     arrays = {key: known.pop(key) for key in _ARRAYS}
-    return sealed_archive(known=np.array(json.dumps(known, default=np.ndarray.tolist)), **arrays)
+    text = json.dumps(known, default=np.ndarray.tolist)
+    return sealed_archive(known=np.array(text), **arrays)
 
 
 def read_member(data: bytes, where: str) -> TypeMember:

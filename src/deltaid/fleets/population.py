@@ -234,9 +234,8 @@ def widest(
             step, now = _newton(of_rows, log, t), _value(of_rows, log, t)
             size = max(float(np.abs(step).max()), 1e-12)
             shares = min(1.0, 3.0 / size) * 0.5 ** np.arange(40)
-            share = next(
-                (x for x in shares.tolist() if _value(of_rows, log + x * step, t) > now), 0.0
-            )
+            gaining = (x for x in shares.tolist() if _value(of_rows, log + x * step, t) > now)
+            share = next(gaining, 0.0)
             log = log + share * step
             if share * size < NEGLIGIBLE:
                 break

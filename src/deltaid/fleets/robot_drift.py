@@ -69,7 +69,8 @@ def recorded(files: Sequence[FactorFile]) -> list[DriftRecording]:
     Raises:
         RecordingError: the time of one is unknown.
     """
-    return sorted((DriftRecording(file, _time(file)) for file in files), key=lambda log: log.time)
+    recordings = (DriftRecording(file, _time(file)) for file in files)
+    return sorted(recordings, key=lambda recording: recording.time)
 
 
 def _time(file: FactorFile) -> datetime:
@@ -179,10 +180,8 @@ def kept_since(
         RecordingError: no recording is left.
     """
     since = settings.since
-    kept = sorted(
-        (log for log in recordings if since is None or log.time >= since),
-        key=lambda log: (log.time, log.brief.sha256),
-    )
+    kept = [log for log in recordings if since is None or log.time >= since]
+    kept.sort(key=lambda log: (log.time, log.brief.sha256))
     if not kept:
         raise RecordingError(
             "there is none" if since is None else f"there is none since {since:%Y-%m-%d}",

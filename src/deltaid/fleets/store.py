@@ -52,7 +52,8 @@ def matching(pattern: str) -> dict[str, str]:
     """
     if not is_address(pattern):
         return stamps_of(sorted(glob.glob(pattern, recursive=True)))
-    return _stamps(_request(partial(_system(pattern).glob, pattern, detail=True), pattern), pattern)
+    infos = _request(partial(_system(pattern).glob, pattern, detail=True), pattern)
+    return _stamps(infos, pattern)
 
 
 def stamps_of(paths: Iterable[str]) -> dict[str, str]:

@@ -252,7 +252,7 @@ def _weighed(setup: Setup) -> tuple[Compliance, Compliance]:
 def _better_than_loads(setup: Setup, turned: Sequence[Study | None]) -> bool:
     """Whether compliant gears leave less residual than an undeclared load would, in each recording
     that seems to have one."""
-    for before, after in zip(setup.studies, turned, strict=False):
+    for before, after in zip(setup.studies, turned, strict=False):  # no studies: nothing seems so
         if before is None or after is None or not before.is_disturbed:
             continue
         parts, residual = before.account.detected, before.account.left

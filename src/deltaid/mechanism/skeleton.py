@@ -70,9 +70,10 @@ def _segments(robot: RobotDescription, mechanism: Mechanism) -> Iterator[Segment
 def _drawn_by_user(robot: RobotDescription, mechanism: Mechanism) -> Iterator[Segment]:
     """Segments from the user's function, or a line from each body's frame to its prior's centre of
     mass."""
-    for line in mechanism.drawing:
-        yield Segment(*line)
-    for body in () if mechanism.drawing else mechanism.bodies:
+    if mechanism.drawing:
+        yield from (Segment(*line) for line in mechanism.drawing)
+        return
+    for body in mechanism.bodies:
         p = robot.bodies[body.name].prior_parameters()
         centre = body.world_origin + body.world_rotation @ ca.DM(p[1:4] / p[0])
         yield Segment(body.name, body.world_origin, centre)

@@ -133,11 +133,8 @@ def judged_wiring(
         if verdict.key in _ELSEWHERE:
             continue
         if verdict.grade is Grade.WRONG:
-            raise RecordingError(
-                verdict.finding,
-                where=str(opened.path),
-                cure=f"{verdict.cure}; `deltaid check` shows more",
-            )
+            cure = f"{verdict.cure}; `deltaid check` shows more"
+            raise RecordingError(verdict.finding, where=str(opened.path), cure=cure)
         if verdict.grade is Grade.DOUBTFUL:
             doubts.append(
                 Doubt(verdict.seen, cause=verdict.cause, cure=verdict.cure, key=verdict.key)

@@ -104,9 +104,8 @@ def grip_before(
         ca.fmax(estimate.P[0, 0], 1e-9),
     )
     held, was_open, since, left, known_offset = (fields.before[name] for name in names)
-    weight, off, masses, variances, change, moment = _times(
-        onsets, since, left, held, estimate.x[0], P0
-    )
+    times = _times(onsets, since, left, held, estimate.x[0], P0)
+    weight, off, masses, variances, change, moment = times
     came = ca.sum2(weight) + 1e-12
     offset = ca.sum2(weight * off) / came
     spread = ca.sum2(weight * (off - offset) ** 2) / came

@@ -108,17 +108,15 @@ class Replay:
     def powerless(self) -> tuple[Mask, ...]:
         """Rows whose torques did not move the robot: on brakes, with the stop before them."""
         braked = [m for m in self.masks if m.reason == "on brakes" and m.end - m.start > _BRAKED]
+        stops = [m for m in self.masks if m.reason == "emergency stop"]
         ahead = {mask.first - 1 for mask in braked}
-        stops = [m for m in self.masks if m.reason == "emergency stop" and m.last in ahead]
+        stops = [mask for mask in stops if mask.last in ahead]
         return tuple(sorted((*braked, *stops), key=lambda mask: mask.first))
 
     def share(self, *reasons: Reason) -> float:
         """Share of rows that are masked for some reasons."""
-        masks = [
-            mask
-            for mask in self.masks
-            if mask.reason in reasons and (mask.reason not in _BRAKES or mask in self.powerless)
-        ]
+        masks = [mask for mask in self.masks if mask.reason in reasons]
+        masks = [mask for mask in masks if mask.reason not in _BRAKES or mask in self.powerless]
         return float(np.max(1.0 - kept_shares(masks, len(self.ends), self.log.samples)))
 
     def _cycles(self, values: Float[np.ndarray, "_ _"], begins: bool) -> Cycles:

@@ -94,9 +94,8 @@ def signals(
         needed + round(SETTLED * settings.rate / settings.corner),
     )
     (near,) = fields.keep(Field("z", dof, "pose [x, y, z, psi]", initial=tuple(home.tolist())))
-    row, skipped, lost, calm, bridged = even_rows(
-        fields, u, finite, model, known, settings, wait.cycles
-    )
+    even = even_rows(fields, u, finite, model, known, settings, wait.cycles)
+    row, skipped, lost, calm, bridged = even
     (count,) = fields.keep(Field("live", 1, f"good cycles in a row, up to {most}"))
     count = ca.if_else(lost, 0, count)
     fields.following["live"], fields.spoilt["live"] = ca.fmin(count + 1, most), ca.SX(0)

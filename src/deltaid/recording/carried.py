@@ -4,7 +4,6 @@ A column shows when a load is held, or it is held in spans of time, or always. T
 properties; the others are identified. Loads of one name are the same load in all recordings.
 """
 
-from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
@@ -95,12 +94,14 @@ class Load(Part):
             raise ValueError("when lists numbers of a column; give both, or neither")
         if self.spans == ():
             raise ValueError("spans needs at least one span, [from, to]")
-        for (_, last), (start, end) in pairwise([(-np.inf, -np.inf), *(self.spans or ())]):
+        last = -np.inf
+        for start, end in self.spans or ():
             if not last <= start < end:
                 raise ValueError(
                     f"span [{start:g}, {end:g}] does not follow the one before it, or ends before "
                     "it starts; list spans in order, each as [from, to] in s"
                 )
+            last = end
         for key, needed in (
             ("mass_tolerance", "mass"),
             ("centre", "mass"),

@@ -184,14 +184,16 @@ def _declared(
 
 
 def _channel(quantity: Quantity, column: DriveColumn, linear: bool, where: str) -> Channel:
-    for key, belongs, owners in (
-        ("torque_constant", quantity == "torque", "torque columns"),
-        ("lead", linear, "linear drives"),
-    ):
-        if getattr(column, key) is not None and not belongs:
-            raise RecordingError(
-                f"belongs to {owners} only", where=f"{where}.{key}", cure="leave it out"
-            )
+    if quantity != "torque" and column.torque_constant is not None:
+        raise RecordingError(
+            "belongs to torque columns only",
+            where=f"{where}.torque_constant",
+            cure="leave it out",
+        )
+    if column.lead is not None and not linear:
+        raise RecordingError(
+            "belongs to linear drives only", where=f"{where}.lead", cure="leave it out"
+        )
     motor = not linear or column.lead is not None
     target = SI_UNITS[quantity][not motor]
     unit = si_factor(column.unit, target, where=where, torque_constant=column.torque_constant)

@@ -33,12 +33,12 @@ def time_unit_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
     inertia, gravity, viscous, coulomb = (_usual(column) for column in ratios.T)
     static = coulomb if np.isnan(gravity) else gravity
     factor = float(np.sqrt(inertia / static))
+    far = max(factor, 1 / factor)
+    if not far**2 > UNIT:
+        return
     speeds = [abs(rate.scale) for rate in rates(log.motion, log.best.map)]
     confirmed = bool(speeds) and all(_agrees(speed, factor) for speed in speeds)
-    far = max(factor, 1 / factor)
-    if not far**2 > UNIT or not (confirmed or _agrees(viscous / static, factor)):
-        return
-    if not _is_likelier(log, factor):
+    if not (confirmed or _agrees(viscous / static, factor)) or not _is_likelier(log, factor):
         return
     factor = float(np.median(speeds)) if confirmed else factor
     sure, by = confirmed or far > WRONG_SCALE, max(factor, 1 / factor)

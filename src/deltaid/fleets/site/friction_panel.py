@@ -34,9 +34,10 @@ def friction_panel(title: str, series: pl.DataFrame, drift: Row | None) -> Panel
     slope = None if drift is None else drift["temperature_slope"]
     traces, value, name = list[Data](), "value", _NAME
     if slope is not None and series["temperature"].null_count() < len(series):
-        recorded, degrees = pl.col("value"), series["temperature"].to_list()
         warm = pl.col("temperature") - pl.col("temperature").mean()
-        series = series.with_columns(cooled=(recorded * (-slope * warm).exp()).fill_null(recorded))
+        cooled = (pl.col("value") * (-slope * warm).exp()).fill_null(pl.col("value"))
+        series = series.with_columns(cooled=cooled)
+        degrees = series["temperature"].to_list()
         faint = {  # recorded values, at any temperature
             "marker": {"color": style.PRIOR, "size": 4, "opacity": 0.5},
             "text": ["" if t is None else f" at {number(t, 3)} °C" for t in degrees],
@@ -140,12 +141,11 @@ def _change(row: Row) -> tuple[Data, ...]:
     if row["change"] is None:
         return ()
     on, low, high = (row[key] for key in ("change", "change_low", "change_high"))
-    return (
-        {"type": "line", "x0": _minute(on), "x1": _minute(on),
-         "line": {"color": style.RESIDUAL, "width": 1.5, "dash": "dot"}},
-        {"type": "rect", "x0": _minute(low), "x1": _minute(high), "fillcolor": style.RESIDUAL,
-         "opacity": 0.18, "line": {"width": 0}},
-    )  # fmt: skip
+    line = {"type": "line", "x0": _minute(on), "x1": _minute(on),
+            "line": {"color": style.RESIDUAL, "width": 1.5, "dash": "dot"}}  # fmt: skip
+    band = {"type": "rect", "x0": _minute(low), "x1": _minute(high), "fillcolor": style.RESIDUAL,
+            "opacity": 0.18, "line": {"width": 0}}  # fmt: skip
+    return line, band
 
 
 def _minute(time: datetime) -> str:

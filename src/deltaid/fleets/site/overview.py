@@ -83,12 +83,11 @@ def _verdict(robots: Sequence[Robot], urgent: Sequence[Robot]) -> Summary:
     if urgent:
         return Summary(Trust.FAIR, f"{many} attention.", lines)
     if unsure := sum(not robot.is_known for robot in robots):
-        return Summary(
-            Trust.UNTESTED,
+        said = (
             "No robot is known to need attention, but there is not enough data on "
-            f"{unsure} of {len(robots)}.",
-            lines,
+            f"{unsure} of {len(robots)}."
         )
+        return Summary(Trust.UNTESTED, said, lines)
     return Summary(Trust.GOOD, f"None of {len(robots)} robots needs attention.", lines)
 
 

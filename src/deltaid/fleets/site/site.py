@@ -69,11 +69,8 @@ def _pages(tables: Tables, title: str) -> Iterable[tuple[str, str]]:
 
 def _rendered(page: Page, *way: tuple[str, str]) -> str:
     """A page, below those on the way to it, which link to it; files it shares are at the root."""
-    return (
-        environment("fleets/site")
-        .get_template("site.html.jinja")
-        .render(**contents(page), root=_UP if way else "", way=way)
-    )
+    template = environment("fleets/site").get_template("site.html.jinja")
+    return template.render(**contents(page), root=_UP if way else "", way=way)
 
 
 _PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")

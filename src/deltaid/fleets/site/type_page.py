@@ -121,11 +121,8 @@ def _verdict(robots: Sequence[Robot], foreign: Sequence[Robot]) -> Summary:
     if not compared:
         return Summary(Trust.UNTESTED, "Whether its robots are of one type is not known.")
     if not foreign and compared < len(robots):
-        return Summary(
-            Trust.GOOD,
-            f"All {compared} robots that could be compared belong to this type; "
-            f"{len(robots) - compared} could not.",
-        )
+        said = f"All {compared} robots that could be compared belong to this type; "
+        return Summary(Trust.GOOD, f"{said}{len(robots) - compared} could not.")
     if not foreign:
         return Summary(Trust.GOOD, f"All {len(robots)} robots belong to this type.")
     names = few([robot.name for robot in foreign], 10)
