@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import solve_triangular
 
+from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.conic import definite, interior_point, svec
-from deltaid.estimation.information import NOISE_FLOOR, triangle
+from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
 from deltaid.estimation.objective import Vector, prior_root, prior_scale
 from deltaid.estimation.reduction import Block
-from deltaid.estimation.scatter import Combinations, Each, half_width, inverse, quantile
+from deltaid.estimation.scatter import Combinations, Each, Noise, half_width, inverse, quantile
 from deltaid.identification.fit import FittedProblem
 from deltaid.levels import NEGLIGIBLE
 from deltaid.model.parameter_record import Share
@@ -32,28 +33,32 @@ _VANISHED = 1e-2
 Coefficients = Float[np.ndarray, " parameters"]
 
 
-def sources(problem: FittedProblem, U: Combinations) -> tuple[Each, Each, Each]:
-    """Shares of torques, sensors and measured values in the noise of combinations uᵀs, the columns
-    of U.
+class Sources:
+    """Shares of torques, sensors and measured values in the noise of a fitted value.
 
     Least squares has the error R⁻¹ s with the sum s of the scores of all rows (`scatter`). Rows A
     have the part uᵀHu of ‖u‖² in a combination uᵀs, H = (A R⁻¹)ᵀ(A R⁻¹). This is also their weight:
     of two equal sources, the one with half the standard deviation has four fifths.
     """
-    information, noise = problem.information, problem.estimate.noise
-    k = np.searchsorted(information.columns, problem.base.representatives)
-    part, over = slice(information.drives.stop, None), inverse(noise.root)
-    by_sensors = information.factors[part] * np.sqrt(information.weights[part])[:, None, None]
-    by_sensors = by_sensors.reshape(-1, by_sensors.shape[2])[:, k] @ over
-    facts = np.zeros((0, len(k))) if information.facts is None else information.facts[:, k]
-    size = np.maximum(np.sum(U**2, axis=0), np.finfo(float).tiny)
-    variance = np.maximum(noise.deviations(U)[0] ** 2, np.finfo(float).tiny)
-    known = np.sum((facts @ over @ U) ** 2, axis=0)
-    measured = np.clip(known * noise.sigma**2 / variance, 0.0, 1.0)
-    rest = np.maximum(1.0 - known / size, np.finfo(float).eps)
-    rows = np.sum((by_sensors @ U) ** 2, axis=0) / size
-    sensors = (1.0 - measured) * np.clip(rows / rest, 0.0, 1.0)
-    return 1.0 - measured - sensors, sensors, measured
+
+    def __init__(self, information: Information, base: BaseParameters, noise: Noise) -> None:
+        k = np.searchsorted(information.columns, base.representatives)
+        part, over = slice(information.drives.stop, None), inverse(noise.root)
+        sensors = information.factors[part] * np.sqrt(information.weights[part])[:, None, None]
+        facts = np.zeros((0, len(k))) if information.facts is None else information.facts[:, k]
+        self._sensors = sensors.reshape(-1, sensors.shape[2])[:, k] @ over
+        self._facts, self._noise = facts @ over, noise
+
+    def parts(self, U: Combinations) -> tuple[Each, Each, Each]:
+        """Shares of torques, sensors and measured values in the variances of the columns of U."""
+        size = np.maximum(np.sum(U**2, axis=0), np.finfo(float).tiny)
+        variance = np.maximum(self._noise.deviations(U)[0] ** 2, np.finfo(float).tiny)
+        known = np.sum((self._facts @ U) ** 2, axis=0)
+        measured = np.clip(known * self._noise.sigma**2 / variance, 0.0, 1.0)
+        rest = np.maximum(1.0 - known / size, np.finfo(float).eps)
+        rows = np.sum((self._sensors @ U) ** 2, axis=0) / size
+        sensors = (1.0 - measured) * np.clip(rows / rest, 0.0, 1.0)
+        return 1.0 - measured - sensors, sensors, measured
 
 
 @dataclass(frozen=True)
@@ -117,7 +122,8 @@ def uncertainty(
     to_scores = 2.0 / (objective.gamma * samples) * in_scores
     by_noise, freedom = noise.deviations(to_scores)
     follows = noise.root.T @ to_scores
-    parts = [by_noise**2 * part for part in sources(problem, to_scores)]
+    sources = Sources(problem.information, problem.base, noise).parts(to_scores)
+    parts = [by_noise**2 * part for part in sources]
     parts.append(unit**2 * np.sum((root @ H_inverse_A) ** 2, axis=0))
     parts.append(np.sum((follows.T @ problem.geometry.shifts) ** 2, axis=1))
     variance = np.sum(parts, axis=0)
@@ -165,11 +171,11 @@ class ConsistentRanges:
     """
 
     def __init__(self, problem: FittedProblem) -> None:
-        data, base = problem.objective.data, problem.base
-        self._problem, self._reduction = problem, problem.reduction
-        self._noise = problem.estimate.noise
+        data, base, information = problem.objective.data, problem.base, problem.information
+        self._reduction, self._noise = problem.reduction, problem.estimate.noise
+        self._sources = Sources(information, base, self._noise)
         self._white = max(self._noise.sigma, NOISE_FLOOR)
-        rows = np.sqrt(problem.information.mean_samples) / self._white
+        rows = np.sqrt(information.mean_samples) / self._white
         R, b = rows * data.R, rows * data.b
         size = np.linalg.norm(R, axis=0)
         scale = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), self._reduction.scale)
@@ -206,7 +212,7 @@ class ConsistentRanges:
         width = (high - low) / (1.0 + 2.0 * _ACCURACY)
         ratio = float(np.ptp(self._ends(cost, _VANISHED * t))) / width if width > 0 else 0.0
         unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))
-        parts = np.array(sources(self._problem, self._in_scores(cost)))[:, 0]
+        parts = np.array(self._sources.parts(self._in_scores(cost)))[:, 0]
         noise, sensors, measured = ((1 - unseen) * by_noise * parts).tolist()
         return Share(
             noise=noise,
