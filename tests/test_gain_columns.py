@@ -11,6 +11,7 @@ import pytest
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.gain_over_time import GainOverTime
 from deltaid.effects.point import TracePoint
 from deltaid.effects.saturation import Saturation
 from deltaid.estimation.additions import Addition, Own, Values
@@ -173,6 +174,17 @@ def test_what_amplifiers_say_is_the_inverse_of_what_it_means() -> None:
     assert readings.recorded(torque) == pytest.approx(recorded, abs=1e-9)
     assert np.all(np.abs(readings.recorded(10 * torque)) <= [2.0, 3.0])
     assert Readings(zero=(0.1, 0.1)).recorded(torque) is torque
+
+
+def test_two_slopes_of_a_torque_constant_are_one_correction() -> None:
+    """Their sum, as wide as the wider of the two."""
+    robot, values = load_robot("clavel-delta3"), np.array([0.01, 0.02, 0.03, -0.01, 0.0, 0.05])
+    half = np.array([0.001, 0.004, 0.005, 0.002, 0.003, 0.003])
+    corrections = GainOverTime().corrections(robot, values, half)
+    assert [correction.subject for correction in corrections] == list(robot.drives)
+    assert [correction.value for correction in corrections] == pytest.approx([3.0, 2.0, 5.0])
+    wide = [correction.high - correction.value for correction in corrections]
+    assert wide == pytest.approx([0.4, 0.5, 0.3])
 
 
 def test_torques_grow_with_current() -> None:
