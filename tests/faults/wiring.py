@@ -1,4 +1,4 @@
-"""Faults of wiring: units, gears, signs, orders and zeros that differ from the mapping."""
+"""Faults of wiring: units, gears, signs, orders, zeros and times that differ from the mapping."""
 
 from dataclasses import replace
 
@@ -71,6 +71,14 @@ def motor_torque(case: Case, rng: np.random.Generator) -> Case:
     """Torques are the motor's, angles the joint's."""
     factor = np.where(rotary(case), spread(rng, 8, 100), 2 * np.pi / rng.uniform(0.01, 0.06))
     return replace(case, columns=scaled(case, "tau", 1 / factor), size=f"1 / {factor.max():.3g}")
+
+
+@kind("time-unit", related=("rate", "velocity", "velocity-unit"))
+def time_unit(case: Case, rng: np.random.Generator) -> Case:
+    """Time is 2 to 20 times too long or too short, as in another unit or cycle."""
+    factor = spread(rng, 2, 20) ** rng.choice([-1, 1])
+    columns = dict(case.columns) | {"t": factor * case.columns["t"]}
+    return replace(case, columns=columns, size=f"{factor:.3g}")
 
 
 @kind("angle-sign")
