@@ -169,7 +169,7 @@ def trace(
         RecordingError: the log is too short or too slow to be differentiated.
     """
     log = recording.log
-    columns = replace(log.columns, velocity=(), acceleration=())
+    columns = log.columns.without_rates
     # `keep_all` concerns reversals only; masks of the log stay.
     recording = recording.brief.changed(cutoff, columns=columns, keep_all=False)
     assert recording.low_pass is not None  # positions alone are always filtered

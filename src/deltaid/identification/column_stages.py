@@ -15,7 +15,6 @@ states; so does a body with `free: []`.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -97,7 +96,7 @@ def late_rates_excluded(setup: Setup, progress: Progress) -> Setup:
 
 def _without_rates(recording: PreparedRecording, cutoff: float | None) -> PreparedRecording:
     """The recording without velocities and accelerations: positions are differentiated."""
-    columns = replace(recording.log.columns, velocity=(), acceleration=())
+    columns = recording.log.columns.without_rates
     return recording.changed(recording.cutoff or cutoff, columns=columns)
 
 

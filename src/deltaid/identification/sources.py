@@ -101,7 +101,7 @@ def model_filtered(
     forced = identified.settings.cutoff is not None
     kinds = {correction.kind for correction in corrections}
     if "velocity" in kinds:
-        log = replace(log, columns=replace(log.columns, velocity=(), acceleration=()))
+        log = replace(log, columns=log.columns.without_rates)
     recording = filtered(log, cutoff if forced or not log.has_derivatives else None)
     gears, compliance = None, {c.subject: c.value for c in corrections if c.kind == "compliance"}
     if compliance and recording.low_pass is not None:

@@ -195,7 +195,7 @@ def open_replay(
     doubts = (*opened.cut_at(None, 1).warnings, *of_wiring, *of_speeds)
     taken = replace(opened, masks=stale).cut_at(None, 1)
     if not has_velocity:
-        taken = replace(taken, columns=replace(taken.columns, velocity=(), acceleration=()))
+        taken = replace(taken, columns=taken.columns.without_rates)
     return Replay(taken, delay, has_velocity, noise, opened.masks, _ends(opened), doubts)
 
 

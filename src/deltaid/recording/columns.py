@@ -7,7 +7,7 @@ current, by the share β_2 + β_4 at τ_max.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -95,6 +95,11 @@ class Columns:
     @property
     def drives(self) -> tuple[Channel, ...]:
         return self.position + self.velocity + self.acceleration + self.torque
+
+    @property
+    def without_rates(self) -> "Columns":
+        """Columns whose positions are differentiated, whatever rates the log has."""
+        return replace(self, velocity=(), acceleration=())
 
     @property
     def all(self) -> tuple[Channel, ...]:
