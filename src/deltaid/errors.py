@@ -219,6 +219,16 @@ def few(items: Sequence[str], most: int, between: str = ", ") -> str:
     return between.join(items[:most]) + more * (len(items) > most)
 
 
+def plural(thing: str, count: float) -> str:
+    """The noun, with an s unless there is one of it."""
+    return thing if count == 1 else f"{thing}s"
+
+
+def counted(count: int, thing: str) -> str:
+    """A number with its noun: '1 row', '2 rows'."""
+    return f"{count} {plural(thing, count)}"
+
+
 def visible(text: str, kept: str = "\n" + _SPACES) -> str:
     """Text with a question mark in place of characters that could control a terminal or a printer.
 

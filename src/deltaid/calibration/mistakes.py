@@ -25,7 +25,7 @@ from deltaid.calibration.readings import (
     lengths,
 )
 from deltaid.calibration.unknowns import TOLERANCE, Unknowns
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, counted
 from deltaid.levels import CERTAIN
 from deltaid.model.verdict import listed
 
@@ -44,7 +44,7 @@ def require_plausible(loops: Loops, known: Unknowns, instrument: Instrument) -> 
     count, own = len(instrument.values), len(instrument.unknowns)
     if count < own / instrument.values.shape[1] + 1:
         raise RecordingError(
-            f"has {count} row{'s' * (count > 1)}; too few to fix the {own} unknowns of the "
+            f"has {counted(count, 'row')}; too few to fix the {own} unknowns of the "
             "instrument itself",
             where=instrument.source,
             cure="measure more poses",

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from deltaid.checks.evidence import Evidence
+from deltaid.errors import counted
 from deltaid.estimation.spectra import bandwidth, jitter, step_of, white_noise
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
@@ -14,7 +15,7 @@ from deltaid.recording.masks.masks import RESTS, Reason, kept_shares
 from deltaid.recording.opening import NO_RATE, OTHER_RATE
 from deltaid.recording.source import INCOMPLETE
 from deltaid.recording.time.clock import HIGHEST_RATE, JITTER
-from deltaid.recording.time.doubts import places_of, restarted, rows_are, slowed, stood
+from deltaid.recording.time.doubts import restarted, rows_are, slowed, stood
 
 # Samples per period of the motion's bandwidth below which a recording is doubtful, and wrong; more
 # where positions are differentiated, whose filter passes six hundredths of the rate.
@@ -204,8 +205,8 @@ def _clock(evidence: Evidence, log: Log) -> Verdict:
     twice, scatter = len(clock.extra), clock.jitter / clock.period
     faults = {
         f"time leaps ahead by up to {clock.period * leaps.max(initial=0):.4g} s in "
-        f"{places_of(leaps.size)}": bool(leaps.size),
-        slower or f"{rows_are(lost)} missing in {places_of(holes.size)}": lost,
+        f"{counted(leaps.size, 'place')}": bool(leaps.size),
+        slower or f"{rows_are(lost)} missing in {counted(holes.size, 'place')}": lost,
         restarts: bool(restarts),
         stands or f"{rows_are(twice)} there twice or without a place": twice,
         f"{rows_are(stale)} copies of the one before while the robot moves": stale,

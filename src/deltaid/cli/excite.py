@@ -29,7 +29,7 @@ from deltaid.cli.output import (
     used,
     write_files,
 )
-from deltaid.errors import DeltaidError, within
+from deltaid.errors import DeltaidError, counted, within
 from deltaid.files import write_bytes
 from deltaid.motion.excitation.settings import VERIFICATION_OFFSET, CriterionName, PurposeName
 from deltaid.view.numbers import number
@@ -171,8 +171,8 @@ def excite(
             described.label,
             view.verdict(result).sentence,
             f"{exciter.settings.criterion} {number(result.criterion_before)} before, "
-            f"{number(result.criterion_after)} after; {run.repeats} "
-            f"period{'s' * (run.repeats > 1)} of {run.motion.period:.3g} s between ramps "
+            f"{number(result.criterion_after)} after; "
+            f"{counted(run.repeats, 'period')} of {run.motion.period:.3g} s between ramps "
             f"of {run.ramp:.3g} s, {run.duration:.4g} s in all",
             f"largest {efforts} at the prior: {largest}",
         ],

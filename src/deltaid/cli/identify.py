@@ -41,7 +41,7 @@ from deltaid.cli.output import (
     remark,
     write_files,
 )
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, counted
 from deltaid.model.options import (
     GAMMA_LIMITS,
     SPREAD_LIMITS,
@@ -170,7 +170,7 @@ def identify(
     mappings, of_verify = [deltaid.load_mapping(path) for path in columns or ()], None
     if verify is not None and len(mappings) not in (0, 1, len(logs) + 1):
         raise DeltaidError(
-            f"is given {len(mappings)} times for {len(logs)} recording{'s' * (len(logs) > 1)} and "
+            f"is given {len(mappings)} times for {counted(len(logs), 'recording')} and "
             "one to verify on",
             where="--columns",
             cure="give it once for all, or once for each recording and at last for --verify",

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import ndtr, stdtr, stdtrit
 
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, counted
 from deltaid.estimation.scatter import NORMAL
 from deltaid.fleets.drift_evidence import FEWEST, KINDS, MONTH, WEEK, YEAR
 from deltaid.fleets.drift_series import Explained
@@ -235,7 +235,7 @@ def _reason(
         return "no recording determines its friction"
     if few:
         return (
-            f"not enough data: no change in {count} recording{'s' * (count != 1)} over "
+            f"not enough data: no change in {counted(count, 'recording')} over "
             f"{span:.0f} days; steady needs {FEWEST} over {_STEADY:.0f} days"
         )
     parts = (

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import polars as pl
 
-from deltaid.errors import DeltaidError, RecordingError
+from deltaid.errors import DeltaidError, RecordingError, counted
 from deltaid.fleets.factor_file import FactorFile, write
 from deltaid.fleets.factor_record import RecordingBrief
 from deltaid.fleets.fleet import Fleet, Recorded
@@ -110,7 +110,7 @@ def _require_kept(call: Call, lost: Counter[str]) -> None:
     if kept:
         raise DeltaidError(
             "would lose what was gathered of " + "; of ".join(
-                f"{n} recording{'s' if n > 1 else ''} {why}" for why, n in kept.items()
+                f"{counted(n, 'recording')} {why}" for why, n in kept.items()
             ),
             where=call.place.root,
             cure="put back what is away, ask as before, or give another fleet a folder of its own"

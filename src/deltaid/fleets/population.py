@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 from scipy.linalg import inv
 
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale, with_prior
-from deltaid.errors import few
+from deltaid.errors import counted, few
 from deltaid.estimation.scatter import CHANCE
 from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.coordinates import Coordinates
@@ -126,7 +126,7 @@ class Population:
         notes = (
             ""
             if self.spreads.known
-            else f"{self.count} robot{'' if self.count == 1 else 's'} cannot show how much robots "
+            else f"{counted(self.count, 'robot')} cannot show how much robots "
             f"differ: from {ENOUGH} on spreads are known; likely ones were assumed",
             f"fewer than {LEAST} robots cannot show which of them does not belong"
             if len(self.members) < LEAST
@@ -182,7 +182,7 @@ def next_robot(population: Population, fleet: str) -> RobotDescription:
     for name, spread in _spreads(population).items():
         if data["bodies"][name]["free"]:
             data["bodies"][name]["spread"] = spread
-    text = f"mean of {population.count} robot{'s' if population.count > 1 else ''} of {fleet}"
+    text = f"mean of {counted(population.count, 'robot')} of {fleet}"
     source = f"{text}; spreads are of the next robot; deltaid {version('deltaid')}"
     changed = ("bodies", "friction", "rotor_inertia", "measured")
     sources = population.robot.sources.items()

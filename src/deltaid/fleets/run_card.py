@@ -1,9 +1,8 @@
 """Card and table of a call of `fleet`."""
 
-from collections.abc import Sized
-
 import polars as pl
 
+from deltaid.errors import counted
 from deltaid.fleets.gather_all import recordings_table
 from deltaid.fleets.run import FleetRun
 from deltaid.view.show import Card
@@ -27,10 +26,6 @@ def summary(run: FleetRun) -> str:
     fits = [fit for fit in run.fits if not fit.reason]
     gathered, fitted, _ = run.computed
     return (
-        f"{_count(robots, 'robot')}, {_count(used, 'recording')} ({gathered} processed now), "
-        f"{_count(fits, 'fit')} ({fitted} made now)"
+        f"{counted(len(robots), 'robot')}, {counted(len(used), 'recording')} "
+        f"({gathered} processed now), {counted(len(fits), 'fit')} ({fitted} made now)"
     )
-
-
-def _count(things: Sized, what: str) -> str:
-    return f"{len(things)} {what}{'' if len(things) == 1 else 's'}"

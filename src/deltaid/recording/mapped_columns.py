@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, counted
 from deltaid.robot.part import Part, Positive, require_one
 
 Sign = Literal[1, -1]
@@ -100,9 +100,9 @@ class _Several(Part):
         given: dict[str, Any] = {"column": self.names(count)} | {k: getattr(self, k) for k in keys}
         for key, value in given.items():
             if isinstance(value, tuple) and len(value) != count:
-                what = f"{key if key == 'column' else 'value'}{'s' * (len(value) != 1)}"
+                what = counted(len(value), "column" if key == "column" else "value")
                 raise RecordingError(
-                    f"lists {len(value)} {what}, but {wanted}",
+                    f"lists {what}, but {wanted}",
                     where=f"{where}.{'columns' if key == 'column' else key}",
                     cure=cure if key == "column" else f"{cure}, or give one value for all",
                 )

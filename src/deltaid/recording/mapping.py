@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from deltaid.errors import RecordingError
+from deltaid.errors import RecordingError, counted
 from deltaid.files import written_whole
 from deltaid.recording.carried import Load
 from deltaid.recording.mapped_columns import (
@@ -122,8 +122,7 @@ def mapping_each(columns: ColumnMappings, recordings: int) -> list[ColumnMapping
     mappings = [as_mapping(mapping) for mapping in each] or [None]
     if len(mappings) not in (1, recordings):
         raise RecordingError(
-            f"{len(mappings)} mappings are given for {recordings} "
-            f"recording{'s' if recordings > 1 else ''}",
+            f"{len(mappings)} mappings are given for {counted(recordings, 'recording')}",
             where="columns",
             cure="give one for all recordings, or one for each, in the same order",
         )

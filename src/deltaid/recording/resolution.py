@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping
 from itertools import chain, count, takewhile
 
-from deltaid.errors import RecordingError, nearest
+from deltaid.errors import RecordingError, counted, nearest
 from deltaid.recording.address import Pick, find, listing
 from deltaid.recording.columns import Channel, Columns, SensorChannels, TimeChannel
 from deltaid.recording.mapped_columns import (
@@ -268,7 +268,7 @@ def sensor_columns(
         given = mapping.sensors[name] if is_named else _default_sensor(table, name, names)
         if given is None:
             continue
-        wanted = f"the sensor shows {len(shown)} number{'s' * (len(shown) > 1)}: "
+        wanted = f"the sensor shows {counted(len(shown), 'number')}: "
         entries = given.each(
             len(shown), where, wanted + ", ".join(names), "list one a number, in this order"
         )

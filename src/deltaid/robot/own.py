@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
-from deltaid.errors import DescriptionError
+from deltaid.errors import DescriptionError, counted
 from deltaid.robot.limits import NAMES, Task, TaskName
 from deltaid.robot.part import (
     TOOL_ACCELERATION,
@@ -75,7 +75,7 @@ class OwnMechanism(Part):
         count, given = len(self.drives), self.coordinates
         if given is None and count < 3:
             raise ValueError(
-                f"has {count} drive{'s' if count > 1 else ''}, so say which coordinates they "
+                f"has {counted(count, 'drive')}, so say which coordinates they "
                 "move, such as coordinates: " + ("[x]" if count == 1 else "[x, z]")
             )
         if given is not None and len(given) != count:

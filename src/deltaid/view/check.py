@@ -6,7 +6,7 @@ import polars as pl
 
 from deltaid.checks.verdicts import Verdicts, files_of
 from deltaid.dynamics.dynamics import compiled
-from deltaid.errors import DeltaidError
+from deltaid.errors import DeltaidError, plural
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.robot.description import RobotDescription
 from deltaid.view.drawing import drawing
@@ -97,7 +97,7 @@ def check_page(
 
 
 def _summary(grade: Grade, count: int) -> Summary:
-    things = f"{in_words(count)} thing{'s' if count > 1 else ''}"
+    things = f"{in_words(count)} {plural('thing', count)}"
     trust, said = {
         Grade.WRONG: (Trust.POOR, f"Wrong: {things} to be corrected before an identification."),
         Grade.DOUBTFUL: (

@@ -5,6 +5,7 @@ import plotly.graph_objects as go
 import polars as pl
 from jaxtyping import Bool, Float
 
+from deltaid.errors import counted
 from deltaid.levels import FAINT
 from deltaid.motion.excitation.excite import Excitation, Exciter, LimitUse
 from deltaid.motion.excitation.plot import SAMPLES
@@ -24,7 +25,7 @@ def excitation_page(result: Excitation) -> Page:
     """Page of an optimised motion, for the robot's prior."""
     exciter, run = result.exciter, result.run
     robot, settings = exciter.dynamics.robot, exciter.settings
-    fullest, periods = _fullest(result), f"{run.repeats} period{'s' * (run.repeats > 1)}"
+    fullest, periods = _fullest(result), counted(run.repeats, "period")
     drawn = f"{number(result.criterion_before)} as drawn at random"
     condition = Text(
         "Standard deviations of least squares on this motion, if the prior is right. Torque noise: "

@@ -7,6 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 import polars as pl
 
+from deltaid.errors import counted
 from deltaid.identification.identify import Identification
 from deltaid.identification.prediction import FeedForward, Validation
 from deltaid.model.model import Model, ModelLike, load
@@ -50,7 +51,7 @@ def drive_errors(robot: RobotDescription, nrmse: Sequence[float]) -> tuple[tuple
 
 
 def warned(warnings: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
-    title = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
+    title = counted(len(warnings), "warning")
     return ((title, "\n".join(warnings)),) if warnings else ()
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 import polars as pl
 
+from deltaid.errors import counted, plural
 from deltaid.estimation.scatter import NORMAL
 from deltaid.online.events import WeighedLoad
 from deltaid.online.watch import Watched
@@ -72,7 +73,7 @@ def verdict(watched: Watched) -> Summary:
     """Number of loads and contacts; doubtful if there is a warning."""
     loads, touches, doubts = len(watched.loads), len(watched.touches), len(watched.doubts)
     text = (
-        f"Done: {loads} load{'s' * (loads != 1)} and {touches} contact{'s' * (touches != 1)} in "
+        f"Done: {counted(loads, 'load')} and {counted(touches, 'contact')} in "
         f"{watched.cycles / watched.rate:.4g} s."
     )
     if not doubts:
@@ -214,8 +215,8 @@ def friction_table(watched: Watched) -> Table:
 
 
 def _at_most(watched: Watched) -> str:
-    several = "s" * (watched.false_alarms != 1)
-    return f"at most {watched.false_alarms:g} false alarm{several} an hour"
+    alarms = plural("false alarm", watched.false_alarms)
+    return f"at most {watched.false_alarms:g} {alarms} an hour"
 
 
 def result_lines(watched: Watched) -> tuple[str, ...]:

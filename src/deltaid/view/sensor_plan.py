@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import polars as pl
 
+from deltaid.errors import counted
 from deltaid.sensors.planning.null_space import DESCRIBED, PLAN, TORQUES, Opening
 from deltaid.sensors.planning.plan import Outlook, SensorPlan
 from deltaid.sensors.planning.shopping import KNEE
@@ -138,8 +139,7 @@ def stopped(plan: SensorPlan) -> str:
     if not plan.steps:
         return "Nothing that is on offer is worth buying"
     if count == plan.settings.steps:
-        plural = "s" * (count != 1)
-        return f"{count} thing{plural}, as many as were asked for; --steps asks for more"
+        return f"{counted(count, 'thing')}, as many as were asked for; --steps asks for more"
     if plan.beyond is None:
         return "nothing else in the list is worth it, or within the budget"
     return (

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from deltaid.errors import plural
 from deltaid.identification.identify import Identification
 from deltaid.identification.prediction import Compared, misfit, remarks
 from deltaid.identification.sources import repeated
@@ -135,8 +136,8 @@ def _numbers(model: IdentifiedModel) -> str:
     at_bound = f"{in_words(bound)} are at their" if bound > 1 else f"{few} is at its"
     return (
         f"{known} of {kinds.total() - kinds['structure']} numbers "
-        f"{'comes' if known == 1 else 'come'} from the recording"
-        f"{'s' if len(model.sources) > 1 else ''}{shares}, {at_bound} bound."
+        f"{'comes' if known == 1 else 'come'} from the "
+        f"{plural('recording', len(model.sources))}{shares}, {at_bound} bound."
     )
 
 
@@ -147,7 +148,7 @@ def _doubts(doubts: Sequence[str]) -> list[str]:
 
 
 def _count(count: int, thing: str) -> str:
-    return f"{in_words(count)} {thing}{'s' * (count != 1)}"
+    return f"{in_words(count)} {plural(thing, count)}"
 
 
 # Largest gap to the certified bound of an optimal fit, as a share of J.

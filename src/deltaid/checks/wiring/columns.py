@@ -10,6 +10,7 @@ from deltaid.checks.wiring.explained import INERTIA, RemappedRecording, in_unit,
 from deltaid.checks.wiring.residual import UNIT, Map
 from deltaid.checks.wiring.search import SMALLEST
 from deltaid.checks.wiring.velocity import rates
+from deltaid.errors import plural
 from deltaid.model.verdict import Grade, Verdict, listed
 from deltaid.recording.mapped_columns import Quantity
 
@@ -138,7 +139,7 @@ def _torque_sign(log: RemappedRecording, drives: list[int], *, sure: bool = True
         f"{against:.2g}; with the other sign the model {log.fits}",
         log.whose(drives),
         f"the torque of {whose} counts the other way{instead}",
-        "turn the sign of the torque column" + ("s" if len(drives) > 1 else ""),
+        f"turn the sign of the torque {plural('column', len(drives))}",
         record.proposal({"torque": changes}),
         number=against,
     )

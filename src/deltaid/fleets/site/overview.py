@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import polars as pl
 
-from deltaid.errors import few
+from deltaid.errors import counted, few
 from deltaid.fleets.site.friction_panel import MAIN, friction_panel
 from deltaid.fleets.site.parts import LIKE, MOST, NOTHING, WORDS, bounds, cell, ended, grid
 from deltaid.fleets.site.state import UNKNOWN, Robot, Tables, Urgency, day
@@ -40,8 +40,7 @@ def overview(
     lost = bad.filter((pl.col("what") == "type") & (pl.col("robot") == ""))
     return Page(
         title=title,
-        subtitle=f"{len(robots)} robot{'s' * (len(robots) != 1)} of {len(types)} "
-        f"type{'s' * (len(types) != 1)}{span}",
+        subtitle=f"{counted(len(robots), 'robot')} of {counted(len(types), 'type')}{span}",
         verdict=_verdict(robots, urgent),
         facts=(
             Fact("need attention", str(len(urgent)), f"of {len(robots)} robots"),

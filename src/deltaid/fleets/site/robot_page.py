@@ -2,6 +2,7 @@
 
 import polars as pl
 
+from deltaid.errors import counted
 from deltaid.fleets.fleet import ALL
 from deltaid.fleets.site.friction_panel import MAIN, friction_panel, time_axis
 from deltaid.fleets.site.parts import (
@@ -51,7 +52,7 @@ def robot_page(robot: Robot, label: str) -> Page:
     used = f"used from {day(robot.first)} to {day(robot.last)}" if robot.first else "none used"
     return Page(
         title=robot.name,
-        subtitle=f"{label}, {robot.recordings} recording{'s' * (robot.recordings != 1)}, {used}",
+        subtitle=f"{label}, {counted(robot.recordings, 'recording')}, {used}",
         verdict=_verdict(robot),
         facts=(
             Fact("last recording", day(robot.last)),

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import polars as pl
 
-from deltaid.errors import few
+from deltaid.errors import counted, few
 from deltaid.fleets.site.parts import LIKE, MOST, NOTHING, Data, Panel, cell, grid, known, numbers
 from deltaid.fleets.site.state import FOREIGN, Robot, Tables, Urgency, day
 from deltaid.view import style
@@ -99,7 +99,7 @@ def type_page(
     friction = Section("Friction", (Chart(grid([panel], row=280), _EVERY),), _LEVELS)
     return Page(
         title=label,
-        subtitle=f"{len(robots)} robot{'s' * (len(robots) != 1)}"
+        subtitle=f"{counted(len(robots), 'robot')}"
         + (f", described by {kind}" if kind != label else ""),
         verdict=_verdict(robots, foreign),
         facts=(

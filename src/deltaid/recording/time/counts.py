@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float, Int
 
-from deltaid.errors import Doubt
+from deltaid.errors import Doubt, counted
 from deltaid.recording.columns import Columns
 from deltaid.recording.source import ColumnValues, LogTable, Rows
 
@@ -182,7 +182,7 @@ def doubts_about_rounds(columns: Iterable[Unwrapper], table: LogTable) -> list[D
     return [
         Doubt(
             f"column {column.name} starts again after {_numbers(column.period)} in "
-            f"{column.count} row{'s' if column.count > 1 else ''}, the first "
+            f"{counted(column.count, 'row')}, the first "
             f"{table.row_name(column.first)}: taken to go on",
             cause="a counter that is full begins anew"
             if _is_counter(column.period)

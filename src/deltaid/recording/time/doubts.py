@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Int
 
-from deltaid.errors import Doubt, RecordingError, quoted, visible
+from deltaid.errors import Doubt, RecordingError, counted, quoted, visible
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import JITTER, NO_TIME, Clock
 from deltaid.recording.time.grid import AGREE
@@ -121,7 +121,7 @@ def restarted(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str
     rows = clock.holes[clock.lost < 0]
     if not rows.size:
         return "", "", ""
-    seen = f"time starts again in {places_of(rows.size)}, the first in {_row(table, rows)}"
+    seen = f"time starts again in {counted(rows.size, 'place')}, the first in {_row(table, rows)}"
     if (part := _part_column(table, column, rows)) is None:
         return (
             seen,
@@ -160,7 +160,7 @@ def doubts_about_holes(
         spans = [f"{since:.6g} to {until:.6g} s" for since, until in gaps[:5]]
         shown = ", ".join(spans) + (" …" if len(gaps) > 5 else "")
         yield Doubt(
-            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} of up to "
+            f"{counted(len(gaps), 'gap')} of up to "
             f"{1e3 * max(until - since for since, until in gaps):.4g} ms ({shown}): no filter "
             "reaches across",
             cause="logging stopped, or its buffer ran over",
@@ -170,8 +170,8 @@ def doubts_about_holes(
     if not report.segments:
         raise RecordingError(
             f"has no stretch of {shortest} samples without a gap; the longest has "
-            f"{sizes.max()}, between {places_of(len(sizes) - 1)} where rows are missing or time "
-            "starts again",
+            f"{sizes.max()}, between {counted(len(sizes) - 1, 'place')} where rows are "
+            "missing or time starts again",
             where=str(table.path),
             cure="record without gaps, or lower the rate at which the logger falls behind; a "
             "higher --cutoff needs shorter stretches",
@@ -191,7 +191,7 @@ def _doubt_about_bridges(
     clock: Clock, table: LogTable, bridged: int, holes: Int[np.ndarray, " holes"]
 ) -> Doubt:
     missing = (
-        f"{rows_are(bridged)} missing in {places_of(holes.size)} "
+        f"{rows_are(bridged)} missing in {counted(holes.size, 'place')} "
         f"({100 * bridged / clock.rows:.2g} % of the recording), the first before "
         f"{_row(table, holes)}: bridged by the motion about them, torques there do not count"
     )
@@ -209,11 +209,7 @@ def _row(table: LogTable, rows: Int[np.ndarray, " rows"]) -> str:
 
 
 def rows_are(count: int) -> str:
-    return "1 row is" if count == 1 else f"{count} rows are"
-
-
-def places_of(count: int) -> str:
-    return "1 place" if count == 1 else f"{count} places"
+    return f"{counted(count, 'row')} {'is' if count == 1 else 'are'}"
 
 
 def _part_column(
