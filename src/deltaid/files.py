@@ -12,9 +12,12 @@ from collections.abc import Generator, Iterable
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from deltaid.errors import DeltaidError, visible
+
+if TYPE_CHECKING:
+    import polars as pl
 
 # Endings of names of descriptions, mappings and models.
 YAML_ENDINGS = (".yaml", ".yml")
@@ -103,6 +106,17 @@ def write_bytes(path: Path, data: bytes) -> None:
     """
     with _replacing(path) as handle, os.fdopen(handle, "wb") as file:
         file.write(data)
+
+
+def write_csv(path: Path, parts: Iterable["pl.DataFrame"]) -> None:
+    """Write consecutive parts of a table, whole or not at all, with one of them in memory.
+
+    Raises:
+        DeltaidError: the file cannot be written.
+    """
+    with written_whole(path) as file:
+        for k, part in enumerate(parts):
+            file.write(part.write_csv(include_header=k == 0))
 
 
 def require_writable(path: Path, inputs: Iterable[Path] = ()) -> None:

@@ -31,7 +31,7 @@ from deltaid.cli.output import (
     write_files,
 )
 from deltaid.control.options import ControllerName, ControlSettings
-from deltaid.files import write_bytes
+from deltaid.files import write_csv
 
 if TYPE_CHECKING:
     from deltaid.control.tracking import Tracking
@@ -126,7 +126,7 @@ def simulate(
             ),
         )  # fmt: skip
         write_files(
-            (output, lambda path: write_bytes(path, result.table().write_csv().encode())),
+            (output, lambda path: write_csv(path, [result.table()])),
             (report, result.report),
         )
     on, error = result.conditions, result.tracking.error

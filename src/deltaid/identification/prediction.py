@@ -12,7 +12,7 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import Doubt
-from deltaid.files import written_whole
+from deltaid.files import write_csv
 from deltaid.identification.loads import as_known
 from deltaid.identification.sources import model_filtered, repeated
 from deltaid.identification.study import FAR
@@ -241,9 +241,7 @@ class FeedForward(Shown, Tabled):
         Raises:
             DeltaidError: the file cannot be written.
         """
-        with written_whole(Path(path)) as file:
-            for k, part in enumerate(self.tables()):
-                file.write(part.write_csv(include_header=k == 0))
+        write_csv(Path(path), self.tables())
 
     @property
     def _times(self) -> Float[np.ndarray, " rows"]:

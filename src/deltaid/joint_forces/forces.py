@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.errors import DescriptionError, Doubt, RecordingError, positive
-from deltaid.files import written_whole
+from deltaid.files import write_csv
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.sources import model_filtered
 from deltaid.joint_forces.constraint_forces import ConstraintForces
@@ -189,9 +189,7 @@ class Forces(Shown, Plotted, Tabled, Reported):
         Raises:
             DeltaidError: the file cannot be written.
         """
-        with written_whole(Path(path)) as file:
-            for k, part in enumerate(self.tables()):
-                file.write(part.write_csv(include_header=k == 0))
+        write_csv(Path(path), self.tables())
 
 
 def forces(

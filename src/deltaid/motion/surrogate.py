@@ -12,7 +12,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import positive
-from deltaid.files import write_bytes
+from deltaid.files import write_csv
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import numbered
 from deltaid.robot.description import RobotDescription
@@ -126,4 +126,4 @@ def write_recording(recording: pl.DataFrame, path: Path) -> None:
     Raises:
         DeltaidError: the file cannot be written.
     """
-    write_bytes(path, recording.write_csv().encode())
+    write_csv(path, [recording])

@@ -15,7 +15,7 @@ import polars as pl
 from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
-from deltaid.files import written_whole
+from deltaid.files import write_csv
 from deltaid.mechanism.kinematics import Kinematics
 from deltaid.mechanism.one_or_many import numbered, one_or_many_times
 from deltaid.motion.excitation.problem import ExcitationProblem
@@ -128,7 +128,8 @@ def write_run(kinematics: Kinematics, run: Run, rate: float, path: Path) -> None
         DeltaidError: the file cannot be written.
     """
     rows = run_rows(run, rate)
-    with written_whole(path) as file:
-        for start in range(0, rows, BATCH_ROWS):
-            part = sample_run(kinematics, run, rate, range(start, min(start + BATCH_ROWS, rows)))
-            file.write(part.write_csv(include_header=start == 0))
+    parts = (
+        sample_run(kinematics, run, rate, range(start, min(start + BATCH_ROWS, rows)))
+        for start in range(0, rows, BATCH_ROWS)
+    )
+    write_csv(path, parts)
