@@ -77,6 +77,10 @@ class ParameterLayout:
         start = 10 * self.bodies.index(name)
         return slice(start, start + 10)
 
+    def named(self, values: Float[np.ndarray, " parameters"]) -> dict[str, float]:
+        """Values of the entries, or changes of them, by name."""
+        return dict(zip(self.names, values.tolist(), strict=True))
+
     def require_finite(self, p: Float[np.ndarray, " parameters"]) -> None:
         """Refuse parameters that are not all finite.
 

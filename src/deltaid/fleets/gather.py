@@ -189,8 +189,8 @@ def _root(G: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:
 def _plain_values(problem: FittedProblem) -> Float[np.ndarray, " plain"]:
     """The fitted parameters of the robot with plain friction."""
     robot = plain(problem.dynamics.robot)
-    values = dict(zip(parameter_layout(robot).names, prior_parameters(robot).tolist(), strict=True))
-    fitted = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
+    values = parameter_layout(robot).named(prior_parameters(robot))
+    fitted = problem.dynamics.layout.named(problem.p)
     return np.array([fitted.get(name, value) for name, value in values.items()])
 
 

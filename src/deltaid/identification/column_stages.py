@@ -216,7 +216,7 @@ def sensors_settled(setup: Setup, progress: Progress) -> Setup:
     progress("settling gain and pose of sensors")
     for _ in range(ROUNDS):
         problem = fit(setup.dynamics, setup.recordings, setup.settings, additions=setup.additions)
-        known = dict(zip(problem.layout.names, problem.values.tolist(), strict=True))
+        known = problem.layout.named(problem.values)
         steps, additions = list[float](), list[Addition]()
         for addition in setup.additions:
             if isinstance(addition, SensorAddition):

@@ -91,7 +91,7 @@ def doubted(outcome: ContestOutcome, full: Contest, last: Contest) -> ContestOut
     uncertainty, times the root of its probability beside the kept effects. Its prior odds are
     1 : n, for hardly more than one of them acts.
     """
-    names, rivals = last.rows.dynamics.layout.names, full.rivals(last)
+    layout, rivals = last.rows.dynamics.layout, full.rivals(last)
     suspects, torques = full.suspects(last), last.unexplained_torques()
     exact = (*outcome.kept, *outcome.values)
     held = [u.name for u in UNKNOWNS if u.name in exact and not u.is_fitted]
@@ -110,7 +110,7 @@ def doubted(outcome: ContestOutcome, full: Contest, last: Contest) -> ContestOut
         doubt = _suspicion(surprises)
     return replace(
         outcome,
-        moves=tuple(dict(zip(names, move.tolist(), strict=True)) for move in moves),
+        moves=tuple(layout.named(move) for move in moves),
         inseparable=tuple(
             Inseparable(causes=(cause_in_words(cause), cause_in_words(other)))
             for cause, other in rivals
@@ -207,8 +207,8 @@ def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> C
         f"something acts on the robot that no known effect explains: with {tried} {why}, so "
         "nothing of it is corrected; intervals count what these would change"
     )
-    names = compiled(outcome.described).layout.names
-    uncorrected = (dict(zip(names, move.tolist(), strict=True)) for move in moves)
+    layout = compiled(outcome.described).layout
+    uncorrected = (layout.named(move) for move in moves)
     return ContestOutcome(
         outcome.described,
         moves=(*outcome.moves, *uncorrected),

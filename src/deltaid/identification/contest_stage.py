@@ -72,8 +72,7 @@ class _Sweeps:
 
     def counting(self, other: "_Sweeps") -> "_Sweeps":
         """The same with intervals that include the change of parameters by another end."""
-        names = self.last.rows.dynamics.layout.names
-        move = dict(zip(names, (other.last.p - self.last.p).tolist(), strict=True))
+        move = self.last.rows.dynamics.layout.named(other.last.p - self.last.p)
         outcome = replace(self.outcome, moves=(*self.outcome.moves, move))
         setup = self.setup.changed(outcome=self.setup.outcome and outcome)
         return replace(self, setup=setup, outcome=outcome)

@@ -212,7 +212,7 @@ def inseparable(problem: FittedProblem, *, absolute: bool) -> Iterator[Inseparab
 def constants(problem: FittedProblem) -> dict[str, float]:
     """The constant torque in each drive's friction, where its law has one [N m or N]."""
     laws = problem.dynamics.robot.friction
-    values = dict(zip(problem.layout.names, problem.values.tolist(), strict=True))
+    values = problem.layout.named(problem.values)
     out = dict[str, float]()
     for drive in problem.dynamics.robot.drives:
         law = laws.get(drive)

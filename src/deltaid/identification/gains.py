@@ -192,9 +192,8 @@ def moves_of_scale(problem: FittedProblem) -> tuple[dict[str, float], ...]:
     proportion to themselves."""
     if problem.dynamics.robot.tolerances.torque_constants:
         return ()  # intervals count what is stated
-    names = problem.dynamics.layout.names
     return tuple(
-        dict(zip(names, (addition.common_spread * problem.p).tolist(), strict=True))
+        problem.dynamics.layout.named(addition.common_spread * problem.p)
         for addition in problem.additions if isinstance(addition, Gains) and addition.ratio_drives
     )  # fmt: skip
 

@@ -226,9 +226,9 @@ def _moves_of_laws(
         return ()
     plain = setup.without(LawConstants).with_robot(robot)
     p = fit(plain.dynamics, plain.recordings, plain.settings, additions=plain.additions).p
-    values = dict(zip(plain.dynamics.layout.names, p.tolist(), strict=True))
-    own = zip(setup.dynamics.layout.names, problem.p.tolist(), strict=True)
-    return ({name: values.get(name, 0.0) - value for name, value in own},)
+    values = plain.dynamics.layout.named(p)
+    own = setup.dynamics.layout.named(problem.p)
+    return ({name: values.get(name, 0.0) - value for name, value in own.items()},)
 
 
 def _unchanged(setup: Setup) -> tuple[Study | None, ...]:

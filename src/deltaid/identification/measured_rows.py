@@ -176,7 +176,7 @@ class LoadSlope:
             k for k, parameter in enumerate(layout.parameters)
             if not (parameter.owner in robot.drives and parameter.kind in ("friction", "rotor"))
         ]  # fmt: skip
-        values = dict(zip(layout.names, p.tolist(), strict=True))
+        values = layout.named(p)
         shares = np.array([values.get(f"load.{drive}", 0.0) for drive in robot.drives])
         return cls(shares, drives, np.isin(columns, of_links))
 

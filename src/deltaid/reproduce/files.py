@@ -216,7 +216,7 @@ def _descent(way: Descent) -> dict[str, Any]:
 
 
 def _irb360(result: Irb360) -> dict[str, Any]:
-    truth = zip(result.dynamics.layout.names, result.truth.tolist(), strict=True)
+    truth = result.dynamics.layout.named(result.truth)
     return {
         "paper": {
             "columns": list(COLUMNS),
@@ -226,7 +226,7 @@ def _irb360(result: Irb360) -> dict[str, Any]:
             "rms_identified": list(RMS_IDENTIFIED),
             "rms_retuned": RMS_RETUNED,
         },
-        "truth": {name: value for name, value in truth if value != 0},
+        "truth": {name: value for name, value in truth.items() if value != 0},
         "models": {
             name: {
                 "parameters": [

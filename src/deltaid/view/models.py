@@ -131,7 +131,7 @@ def feed_forward_card(value: FeedForward) -> Card:
 
 def sample_table(drawn: Samples) -> Table:
     """Identified values with mean and spread of the drawn models, for parameters that vary."""
-    fitted = dict(zip(drawn.model.layout.names, drawn.model.p.tolist(), strict=True))
+    fitted = drawn.model.layout.named(drawn.model.p)
     low, high = np.quantile(drawn.p, [0.025, 0.975], axis=0)
     return Table(
         ("parameter", "identified", "mean", "std", "95 % of models", "unit"),
@@ -180,7 +180,7 @@ def samples_frame(value: Samples) -> pl.DataFrame:
 def samples_figure(value: Samples) -> go.Figure:
     """Median and middle 50 and 95 % of every parameter that varies, relative to the fitted
     value."""
-    fitted = dict(zip(value.model.layout.names, value.model.p.tolist(), strict=True))
+    fitted = value.model.layout.named(value.model.p)
     ends = np.quantile(value.p, [0.025, 0.25, 0.5, 0.75, 0.975], axis=0)
     shown = [i for i, n in enumerate(value.names) if ends[-1, i] > ends[0, i] and fitted.get(n)]
     names = [style.label(value.names[i]) for i in shown]
