@@ -81,6 +81,24 @@ class Free:
     blocks: tuple[Block, ...]
 
 
+def joined(parts: Sequence[Free]) -> Free:
+    """Free variables of parts of p that follow one another."""
+    firsts = np.cumsum([0, *(part.A.shape[1] for part in parts)]).tolist()
+    p_0 = np.concatenate([part.p_0 for part in parts])
+    # SciPy's block_diag would take longer to load than all that `deltaid base` computes.
+    A, row = np.zeros((len(p_0), firsts[-1])), 0
+    for part, first in zip(parts, firsts, strict=False):
+        height, width = part.A.shape
+        A[row : row + height, first : first + width] = part.A
+        row += height
+    blocks = tuple(
+        block.moved(first)
+        for part, first in zip(parts, firsts, strict=False)
+        for block in part.blocks
+    )
+    return Free(tuple(variable for part in parts for variable in part.variables), A, p_0, blocks)
+
+
 def free_coefficients(parameters: Sequence[PriorParameter]) -> Free:
     """Independent free coefficients, positive unless signed."""
     blocks = tuple(
@@ -232,23 +250,13 @@ def build_reduction(
     parts += [free for _, free in additions]
     added = (parameter for group, _ in additions for parameter in group)
     layout = ParameterLayout((*layout.parameters, *added), layout.bodies)
-    firsts = np.cumsum([0, *(part.A.shape[1] for part in parts)]).tolist()
-    # SciPy's block_diag would take longer to load than all that `deltaid base` computes.
-    A, row = np.zeros((len(layout.names), firsts[-1])), 0
-    for part, first in zip(parts, firsts, strict=False):
-        height, width = part.A.shape
-        A[row : row + height, first : first + width] = part.A
-        row += height
+    free = joined(parts)
     return Reduction(
         layout=layout,
-        variables=tuple(variable for part in parts for variable in part.variables),
-        A=A,
-        p_0=np.concatenate([part.p_0 for part in parts]),
-        blocks=tuple(
-            block.moved(first)
-            for part, first in zip(parts, firsts, strict=False)
-            for block in part.blocks
-        ),
+        variables=free.variables,
+        A=free.A,
+        p_0=free.p_0,
+        blocks=free.blocks,
         p_reg=np.array([parameter.prior for parameter in layout.parameters]),
         completed=completed,
         stated={name: stated / spread for name, stated in stated_spreads(robot).items()},

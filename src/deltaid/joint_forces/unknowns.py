@@ -15,7 +15,7 @@ Ranges of forces are the largest values of linear functions of u over a ball and
 physical consistency.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import clarabel
@@ -23,19 +23,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import solve_triangular
 
-from deltaid.dynamics.parameters import parameter_layout, prior_parameters
+from deltaid.dynamics.parameters import parameter_layout
 from deltaid.errors import IdentificationError
 from deltaid.estimation.conic import definite, interior_point, svec
 from deltaid.estimation.information import triangle
+from deltaid.estimation.reduction import Block, Free, free_body, free_coefficients, joined
 from deltaid.estimation.scatter import NORMAL
+from deltaid.robot.body import reduced_prior
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.inertia import (
-    PSEUDO_INERTIA_ENTRIES,
-    RigidBody,
-    entry_map,
-    inertia_parameters,
-    pseudo_inertia,
-)
+from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, entry_map
 
 
 @dataclass(frozen=True)
@@ -77,50 +73,44 @@ def unknowns(
         spread: standard deviation of a diagonal entry M̄_ii or a coefficient relative to its prior,
             and of an off-diagonal entry relative to √(M̄_ii M̄_jj).
     """
-    layout, p_0 = parameter_layout(robot), prior_parameters(robot)
-    names, columns, blocks = list[str](), list[np.ndarray](), list[ConsistencyBlock]()
-    for body in layout.bodies:
-        part = layout.body(body)
-        M, vary = _entries(robot, body, p_0[part], visible[part])
-        p_0[part] = inertia_parameters(M)
-        d, slopes = np.sqrt(np.diag(M)), np.zeros((len(vary), 4, 4))
-        size = np.outer(d, d)
-        for slope, entry in zip(slopes, vary, strict=True):
-            i, j = PSEUDO_INERTIA_ENTRIES[entry]
-            slope[i, j] = slope[j, i] = spread
-            column = np.zeros(len(p_0))
-            column[part] = inertia_parameters(slope * size)
-            columns.append(column)
-        if vary:
-            at = tuple(range(len(names), len(names) + len(vary)))
-            blocks.append(ConsistencyBlock(M / size, at, slopes))
-        names += [f"{body}.{entry}" for entry in vary]
-    for k in range(10 * len(layout.bodies), len(p_0)):
-        columns.append(spread * layout.signed.get(k, float(p_0[k])) * np.eye(len(p_0))[k])
-        if k not in layout.signed:
-            blocks.append(ConsistencyBlock(np.eye(1), (len(names),), np.full((1, 1, 1), spread)))
-        names.append(layout.names[k])
-    return ForceUnknowns(tuple(names), np.column_stack(columns), p_0, tuple(blocks))
+    layout = parameter_layout(robot)
+    parts = [_of_body(robot, body, visible[layout.body(body)]) for body in layout.bodies]
+    free = joined([*parts, free_coefficients(layout.parameters[layout.coefficients])])
+    prior = np.array([variable.prior for variable in free.variables])
+    size = spread * np.array([variable.scale for variable in free.variables])
+    return ForceUnknowns(
+        names=tuple(variable.name for variable in free.variables),
+        A=free.A * size,
+        p_0=free.A @ prior + free.p_0,
+        blocks=tuple(_in_deviations(block, prior, size) for block in free.blocks),
+    )
 
 
-def _entries(
-    robot: RobotDescription,
-    body: str,
-    reduced: Float[np.ndarray, " 10"],
-    visible: Bool[np.ndarray, " 10"],
-) -> tuple[Float[np.ndarray, "4 4"], list[str]]:
-    """A body's prior M̄, and the names of its unknown entries."""
-    free, to_p = robot.bodies[body].free, entry_map()
-    M = pseudo_inertia(reduced)
-    if not free:
-        return M, []
-    whole = pseudo_inertia(RigidBody(robot.bodies[body].prior_parameters()).with_thickness().p)
-    hidden = [not np.any(visible & (column != 0)) for column in to_p.T]
-    entries = list(zip(PSEUDO_INERTIA_ENTRIES.items(), hidden, strict=True))
-    for (entry, (i, j)), is_hidden in entries:
-        if is_hidden and entry not in free:
-            M[i, j] = M[j, i] = whole[i, j]
-    return M, [entry for (entry, _), is_hidden in entries if is_hidden or entry in free]
+def _of_body(robot: RobotDescription, name: str, visible: Bool[np.ndarray, " 10"]) -> Free:
+    """Free variables of a body; entries that no torque shows are free unless the body is known."""
+    body, entries = robot.bodies[name], robot.bodies[name].free
+    if entries:
+        shown = (entry_map()[visible] != 0).any(axis=0)
+        pairs = zip(PSEUDO_INERTIA_ENTRIES, shown, strict=True)
+        hidden = [entry for entry, is_shown in pairs if not is_shown]
+        entries = (*entries, *hidden)
+    free, _ = free_body("inertia", name, reduced_prior(body.prior, entries), entries, visible)
+    return free
+
+
+def _in_deviations(
+    block: Block, prior: Float[np.ndarray, " n"], size: Float[np.ndarray, " n"]
+) -> ConsistencyBlock:
+    """The block as a function of u, x = prior + size u.
+
+    It is scaled by its diagonal alone: without the entries that are neither free nor hidden, a
+    prior need not be consistent.
+    """
+    scaled = replace(block, prior=np.diag(np.diag(block.prior)))
+    at, _, slopes = scaled.normalised
+    return ConsistencyBlock(
+        scaled.normalised_at(prior), tuple(at.tolist()), slopes * size[at, None, None]
+    )
 
 
 # Solver tolerance, relative to values in standard deviations: half of the digits.

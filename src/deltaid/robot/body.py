@@ -4,6 +4,7 @@ Priors are numbers or shapes (Sec. VIII A): cylinders, tubes and points.
 """
 
 import re
+from collections.abc import Collection
 from typing import Annotated, Literal, get_args
 
 import numpy as np
@@ -184,7 +185,7 @@ class Body(Part):
 ZERO_UNLESS_FREE = ("mcx", "mcy", "mcz", "Sxy", "Syz", "Sxz")
 
 
-def reduced_prior(prior: Prior, free: tuple[Entry, ...]) -> Float[np.ndarray, " 10"]:
+def reduced_prior(prior: Prior, free: Collection[str]) -> Float[np.ndarray, " 10"]:
     """`Body.reduced_prior` of a prior and its free entries."""
     body = RigidBody(_parameters(prior))
     if free:
