@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import clarabel
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.linalg import solve_triangular
 
@@ -149,12 +149,11 @@ class _Program:
         self._require_psd(
             np.pad(constant, (0, k)), np.append(variables, Z), np.concatenate([wide, corners])
         )
-        for i, diagonal in enumerate(Z[corners[:, range(k, 2 * k), range(k, 2 * k)].any(axis=1)]):
-            rows = np.zeros((3, len(self._q)))
-            rows[0, t[i]] = rows[2, diagonal] = -1.0
-            self._rows.append(rows)
-            self._right.append(np.array([0.0, 1.0, 0.0]))
-            self._cones.append(clarabel.ExponentialConeT())
+        diagonal = Z[corners[:, range(k, 2 * k), range(k, 2 * k)].any(axis=1)]
+        rows, right, cones = below_logarithm(t, diagonal, len(self._q))
+        self._rows.append(rows)
+        self._right.append(right)
+        self._cones.extend(cones)
 
 
 @lru_cache
@@ -178,6 +177,16 @@ def svec(M: Float[np.ndarray, "*many k k"]) -> Float[np.ndarray, "*many entries"
 def definite(size: int) -> object:
     """The cone of positive semidefinite matrices; of one entry, the half line."""
     return clarabel.NonnegativeConeT(1) if size == 1 else clarabel.PSDTriangleConeT(size)
+
+
+def below_logarithm(
+    logs: Int[np.ndarray, " k"], values: Int[np.ndarray, " k"], size: int
+) -> tuple[Float[np.ndarray, "rows u"], Vector, list[object]]:
+    """Rows, right side and cones of u[log] ≤ log u[value], for places in u of some size."""
+    rows, each = np.zeros((len(logs), 3, size)), np.arange(len(logs))
+    rows[each, 0, logs] = rows[each, 2, values] = -1.0
+    right = np.tile([0.0, 1.0, 0.0], len(logs))
+    return rows.reshape(-1, size), right, [clarabel.ExponentialConeT() for _ in logs]
 
 
 def interior_point(

@@ -5,7 +5,7 @@ correlated: a sum may be known far better than its terms. Independent priors of 
 standard deviations 1/√w_j have the precision Σ_j w_j r_j r_jᵀ. Marginal precisions of
 entries exceed Q in uncertain directions. So the result is the narrowest set of priors whose
 precision exceeds Q in no direction: the w with the largest Σ log w_j and
-Q − Σ_j w_j r_j r_jᵀ ⪰ 0, by a barrier method with Newton steps.
+Q − Σ_j w_j r_j r_jᵀ ⪰ 0, a conic program.
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,13 @@ from scipy.linalg import inv
 
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale, with_prior
 from deltaid.errors import counted, few
+from deltaid.estimation.conic import below_logarithm, definite, interior_point, svec
 from deltaid.estimation.scatter import CHANCE
 from deltaid.fleets.belonging import LEAST
 from deltaid.fleets.coordinates import Coordinates
 from deltaid.fleets.member import unmeasured
 from deltaid.fleets.mixed_model import ENOUGH, Spreads
-from deltaid.levels import NEGLIGIBLE, ROUNDING, ROUNDS
+from deltaid.levels import NEGLIGIBLE, ROUNDING
 from deltaid.model.verdict import FEW
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
@@ -41,8 +42,6 @@ MEMBERS = {
 }
 # Significant digits of a spread.
 _DIGITS = 3
-# Weights of the barrier, from step to step.
-_BARRIER = np.geomspace(1.0, 1e-4, 9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,34 +226,21 @@ def widest(
     size = np.sqrt(np.diag(Q))
     Q, rows = Q / np.outer(size, size), rows / size
     Q = Q + max(ROUNDING - float(np.linalg.eigvalsh(Q)[0]), 0.0) * np.eye(len(Q))
-    of_rows = np.linalg.solve(np.linalg.cholesky(Q), rows.T)  # in which Q is 1
-    log = np.log(0.5 / np.linalg.eigvalsh(of_rows @ of_rows.T)[-1]) * np.ones(len(rows))
-    for t in _BARRIER.tolist():
-        for _ in range(ROUNDS):
-            step, now = _newton(of_rows, log, t), _value(of_rows, log, t)
-            size = max(float(np.abs(step).max()), 1e-12)
-            shares = min(1.0, 3.0 / size) * 0.5 ** np.arange(40)
-            gaining = (x for x in shares.tolist() if _value(of_rows, log + x * step, t) > now)
-            share = next(gaining, 0.0)
-            log = log + share * step
-            if share * size < NEGLIGIBLE:
-                break
-    return np.exp(log)
-
-
-def _newton(of_rows: np.ndarray, log: np.ndarray, t: float) -> Float[np.ndarray, " entries"]:
-    """Newton step of log w for the maximum of Σ log w + t log det(1 − Σ w r rᵀ)."""
-    w = np.exp(log)
-    G = of_rows.T @ np.linalg.solve(_slack(of_rows, log), of_rows)
-    slope = 1.0 - t * w * np.diag(G)
-    curved = t * (np.diag(w * np.diag(G)) + np.outer(w, w) * G**2)
-    return np.linalg.solve(curved + 1e-9 * np.eye(len(w)), slope)
-
-
-def _value(of_rows: np.ndarray, log: np.ndarray, t: float) -> float:
-    values = np.linalg.eigvalsh(_slack(of_rows, log))
-    return float(log.sum() + t * np.log(values).sum()) if values[0] > 0 else -np.inf
-
-
-def _slack(of_rows: np.ndarray, log: np.ndarray) -> np.ndarray:
-    return np.eye(len(of_rows)) - (of_rows * np.exp(log)) @ of_rows.T
+    r = np.linalg.solve(np.linalg.cholesky(Q), rows.T).T  # of entries, where Q is 1
+    length = np.linalg.norm(r, axis=1)
+    r = r / length[:, None]
+    # The variables are w_j |r_j|² and, of each, a number that is at most its logarithm.
+    w, log = np.arange(2 * len(r)).reshape(2, -1)
+    squares = svec(r[:, :, None] * r[:, None, :]).T
+    logarithms, right, cones = below_logarithm(log, w, 2 * len(r))
+    solution = interior_point(
+        np.repeat([0.0, -1.0], len(r)),
+        np.vstack([np.pad(squares, ((0, 0), (0, len(r)))), logarithms]),
+        np.concatenate([svec(np.eye(len(Q))), right]),
+        [definite(len(Q)), *cones],
+        NEGLIGIBLE,
+    )
+    weights = np.array(solution.x)[w]
+    # The solver's last digits must not make a prior too narrow.
+    largest = float(np.linalg.eigvalsh((r.T * weights) @ r)[-1])
+    return weights / max(largest, 1.0) / length**2
