@@ -70,7 +70,7 @@ def step_graph(
     give_friction(fields, model, known, estimated.behind.x[read.at_friction], bounds)
     for add in more:
         add(Cycle(model, settings, known, read, estimated, fields))
-    graph = fields.graph(read.inputs, read.u, read.good, settings.period)
+    graph = fields.graph(read.inputs, read.u, read.good)
     rests = ca.if_else(fields.following.get("contact_rests", ca.SX(0)) > 0, 1.0, 0.0)
     x, y = ca.substitute([graph.following, graph.y], [anew], [estimated.change.changed])
     x, y = ca.substitute([x, y], [touched], [rests])

@@ -97,7 +97,6 @@ class StepGraph:
         state, inputs, outputs: layouts of the vectors.
         x, u: state and inputs, symbols.
         following, y: next state and outputs, expressions of these.
-        period: of a cycle [s].
     """
 
     state: Layout
@@ -107,7 +106,6 @@ class StepGraph:
     u: ca.SX
     following: ca.SX
     y: ca.SX
-    period: float
 
     @cached_property
     def function(self) -> ca.Function:
@@ -143,7 +141,7 @@ class CycleFields:
             for name, value, doc, *unit in outputs
         ]
 
-    def graph(self, inputs: Layout, u: dict[str, ca.SX], good: ca.SX, period: float) -> StepGraph:
+    def graph(self, inputs: Layout, u: dict[str, ca.SX], good: ca.SX) -> StepGraph:
         """One graph of all fields.
 
         Args:
@@ -158,7 +156,7 @@ class CycleFields:
         }
         y = outputs.vector({field.name: value for field, value in self._given})
         x, after = state.vector(self.before), state.vector(following)
-        return StepGraph(state, inputs, outputs, x, inputs.vector(u), after, y, period)
+        return StepGraph(state, inputs, outputs, x, inputs.vector(u), after, y)
 
 
 def all_finite(x: ca.SX) -> ca.SX:
