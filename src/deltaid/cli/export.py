@@ -11,6 +11,7 @@ from deltaid.cli.options import (
     AsJson,
     Columns,
     Full,
+    ModelOrRobot,
     Report,
     UsePoor,
     bounded,
@@ -33,10 +34,7 @@ from deltaid.model.options import lag_of
 
 
 def export(
-    model: Annotated[
-        str,
-        typer.Argument(help="Saved model; or catalogue name or robot file, for its prior."),
-    ],
+    model: ModelOrRobot,
     to: Annotated[TargetName, typer.Option("--to", help="Target format.")],
     output: Annotated[
         str,

@@ -217,7 +217,7 @@ def drift_settings(limit: str | None, false_alarms: float, since: str | None) ->
 
 
 def drift(
-    robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
+    robot: Robot,
     factors: Annotated[
         list[Path], typer.Argument(help="Files of `deltaid gather`, or their folder.")
     ],

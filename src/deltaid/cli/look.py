@@ -15,6 +15,7 @@ from deltaid.cli.options import (
     Cutoff,
     Full,
     KeepAll,
+    Robot,
     bounded,
     output_file,
     require_outputs,
@@ -43,7 +44,7 @@ Reproduced = tuple[Any, Page, Finished, tuple[str, ...]]
 
 
 def show(
-    robot: Annotated[str, typer.Argument(help="Catalogue name, or a robot or model file.")],
+    robot: Robot,
     report: Annotated[
         Path | None,
         output_file(
