@@ -34,9 +34,9 @@ from deltaid.effects.windings import (
     Windings,
     Windup,
     fitted,
+    free_friction,
     motors_of,
     parameters,
-    rows_of,
 )
 from deltaid.errors import DescriptionError
 from deltaid.estimation.drive_rows import RecordingRows, TraceRows, stretch_starts
@@ -210,7 +210,8 @@ class _Fit:
 
         def sloped(winding: Windings, s: Compliance) -> RecordingRows:
             now = winding.turned(s)
-            return rows_of(self.rows, now, p, winding.slopes(s, steps, p), late(now, p))
+            beside = winding.slopes(s, steps, p), late(now, p), free_friction(now, p)
+            return self.rows.of_trace(now).with_columns(*beside)
 
         motor = Windings.modelled(winding.trace, winding.motors, p)
         link = Windings.modelled(motor.turned(s), winding.motors, p)

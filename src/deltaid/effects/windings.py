@@ -150,33 +150,29 @@ class Windings:
         return np.stack([error - before for error in after], axis=2) / steps.max(axis=0)
 
 
-def rows_of(
-    rows: TraceRows, trace: Trace, p: Parameters, *columns: Float[np.ndarray, "dof samples _"]
-) -> RecordingRows:
-    """Rows of a trace with extra columns, followed by those of `free_friction`."""
-    return rows.of_trace(trace).with_columns(*columns, free_friction(trace, p))
-
-
 def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Parameters]:
-    """Residuals of each trace's rows beside lags and free friction, and p."""
-    parts = [rows_of(rows, trace, trace.load) for trace in traces]
-    p, first = parameters(rows, parts), rows.size
-    for k, (part, trace) in enumerate(zip(parts, traces, strict=True)):
-        columns = [part.A[..., :first], late(trace, p), part.A[..., first:]]
-        parts[k] = replace(part, A=np.concatenate(columns, axis=2))
-    x = rows.problem(parts).x
-    return [part.tau - part.A @ x for part in parts], parameters(rows, parts)
+    """Residuals of each trace's rows beside lags and free friction, and p beside lags alone."""
+    parts = [rows.of_trace(trace) for trace in traces]
+    p = rows.robot_parameters(parts)
+    for k, trace in enumerate(traces):
+        parts[k] = parts[k].with_columns(late(trace, p))
+    freed = [
+        part.with_columns(free_friction(trace, trace.load))
+        for part, trace in zip(parts, traces, strict=True)
+    ]
+    x = rows.problem(freed).x
+    return [part.tau - part.A @ x for part in freed], rows.robot_parameters(parts)
 
 
 def parameters(rows: TraceRows, parts: Sequence[RecordingRows]) -> Parameters:
-    """p of the robot from rows without free friction, beside which viscous and Coulomb friction
-    are hardly identifiable."""
+    """p of the robot from rows without their last columns, those of `free_friction`, beside which
+    viscous and Coulomb friction are hardly identifiable."""
     free = slice(-_FREE * len(parts[0].tau))
     plain = [
         RecordingRows(part.A[..., free], part.tau, tuple(Z[..., free] for Z in part.instruments))
         for part in parts
     ]
-    return rows.parameters(rows.problem(plain).x)[: len(rows.dynamics.layout.names)]
+    return rows.robot_parameters(plain)
 
 
 def free_friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:

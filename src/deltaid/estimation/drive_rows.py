@@ -172,6 +172,11 @@ class TraceRows:
         """p of the robot and of additions, by x; additional columns are ignored."""
         return self.reduction.A @ x[: self.size] + self.reduction.p_0
 
+    def robot_parameters(self, recordings: Sequence[RecordingRows]) -> Parameters:
+        """p of the robot alone, by least squares over recordings as of `problem`."""
+        x = self.problem(recordings).x
+        return self.parameters(x)[: len(self.dynamics.layout.names)]
+
 
 def parameters_of(dynamics: Dynamics, span: Span, b: Rows) -> Parameters:
     """p of least squares by the span of the active columns; zero where torques do not depend on

@@ -200,8 +200,7 @@ class Contest:
 
 def start(rows: TraceRows, traces: Sequence[Trace]) -> Parameters:
     """Parameters of the robot before any effect is known."""
-    x = rows.problem([rows.of_trace(trace) for trace in traces]).x
-    return rows.parameters(x)[: len(rows.dynamics.layout.names)]
+    return rows.robot_parameters([rows.of_trace(trace) for trace in traces])
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # for narrow matrices, threads only wait
