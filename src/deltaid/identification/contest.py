@@ -217,7 +217,7 @@ def contest(
         applied: coefficients by which recordings and robot have been corrected.
     """
     parts = [rows.of_trace(point.trace) for point in points]
-    columns, groups, first = [part.A for part in parts], list[CauseColumns](), rows.size
+    groups, first = list[CauseColumns](), rows.size
     for unknown in unknowns:
         own = [unknown.columns(point) for point in points]
         width = own[0].shape[2]
@@ -230,7 +230,7 @@ def contest(
             deviation, width = np.tile(deviation, len(own)), width * len(own)
             own = _side_by_side(own)
         mean = -applied.get(unknown.name, np.zeros(width))
-        columns = [np.concatenate(pair, axis=2) for pair in zip(columns, own, strict=True)]
+        parts = [part.with_columns(columns) for part, columns in zip(parts, own, strict=True)]
         places = np.arange(first, first + width)
         groups.append(
             CauseColumns(
@@ -246,9 +246,9 @@ def contest(
         )
         first += width
     blocks = [
-        NoiseBlock(A[i], part.tau[i], stretch_numbers(A.shape[1]), float(point.largest[i]),
-                   point.trace.low_pass.independent)
-        for A, part, point in zip(columns, parts, points, strict=True) for i in range(len(A))
+        NoiseBlock(part.A[i], part.tau[i], stretch_numbers(part.tau.shape[1]),
+                   float(point.largest[i]), point.trace.low_pass.independent)
+        for part, point in zip(parts, points, strict=True) for i in range(len(part.tau))
     ]  # fmt: skip
     shrunk = Shrunk.fitted(blocks, *rows.prior(first), groups)
     return Contest(rows, tuple(points), tuple(unknowns), shrunk)
