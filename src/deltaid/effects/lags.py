@@ -21,7 +21,7 @@ from deltaid.effects.lag_groups import HARMLESS, LAG, LagGroup, chosen_groups, c
 from deltaid.effects.reversals import lags_of_reversals
 from deltaid.effects.windings import free_friction
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.drive_rows import STRETCHES, TraceRows
+from deltaid.estimation.drive_rows import STRETCHES, TraceRows, side_by_side
 from deltaid.estimation.scatter import quantile
 from deltaid.estimation.traces import Delay, Trace
 from deltaid.levels import ROUNDS, SURE
@@ -165,12 +165,11 @@ def _swept(
         if rows.dynamics.robot.load_drives:
             shifted = [replace(trace, load=p[: len(trace.load)]) for trace in shifted]
             parts = [rows.of_trace(trace) for trace in shifted]
-        for k, (part, trace) in enumerate(zip(parts, shifted, strict=True)):
-            lags = np.zeros((*part.tau.shape, delays.size))
-            lags[:, :, every[k]] = late(trace, p, rows.additions)
-            of_robot = p[: len(trace.load)]
-            beside = [lags, free_friction(trace, of_robot)] if any_friction else [lags]
-            parts[k] = part.with_columns(*beside)
+        lags = side_by_side([late(trace, p, rows.additions) for trace in shifted])
+        parts = [part.with_columns(columns) for part, columns in zip(parts, lags, strict=True)]
+        if any_friction:
+            for k, trace in enumerate(shifted):
+                parts[k] = parts[k].with_columns(free_friction(trace, p[: len(trace.load)]))
         problem = rows.problem(parts, (centre - delays).ravel(), deviation.ravel())
         own = slice(rows.size, rows.size + delays.size)
         p, step = rows.parameters(problem.x), problem.x[own].reshape(delays.shape)

@@ -27,6 +27,8 @@ MISFIT_FLOOR = 1e-5
 POSITION_ERROR = 3e-4
 
 ColumnsOfDrives = Float[np.ndarray, "dof samples _"]
+# The same of one of several recordings, which differ in length.
+ColumnsOfRecording = Float[np.ndarray, "dof _ _"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +86,13 @@ def of_own_drives(own: Float[np.ndarray, "dof samples own"]) -> ColumnsOfDrives:
     out = np.zeros((dof, samples, dof, count))
     out[np.arange(dof), :, np.arange(dof)] = own
     return out.reshape(dof, samples, dof * count)
+
+
+def side_by_side(own: Sequence[ColumnsOfRecording]) -> list[ColumnsOfRecording]:
+    """Columns of each recording, padded with zeros for the coefficients of the others."""
+    width = own[0].shape[2]
+    ends = [(k * width, (len(own) - 1 - k) * width) for k in range(len(own))]
+    return [np.pad(A, ((0, 0), (0, 0), end)) for A, end in zip(own, ends, strict=True)]
 
 
 def from_mean(drives: int) -> Float[np.ndarray, "drives differences"]:

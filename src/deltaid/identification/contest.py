@@ -27,7 +27,14 @@ from deltaid.effects.ripple_search import (
 )
 from deltaid.effects.unexplained import KINDS, Unexplained, is_unexplained
 from deltaid.estimation.causes import CauseColumns, NoiseBlock
-from deltaid.estimation.drive_rows import POSITION_ERROR, OfDrives, TraceRows, stretch_numbers
+from deltaid.estimation.drive_rows import (
+    POSITION_ERROR,
+    ColumnsOfRecording,
+    OfDrives,
+    TraceRows,
+    side_by_side,
+    stretch_numbers,
+)
 from deltaid.estimation.problem import Columns
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.estimation.traces import Trace
@@ -35,9 +42,6 @@ from deltaid.identification.selection import CERTAIN_ODDS, reduced, rivals, susp
 
 # Most orders of ripples that a drive has.
 _RIPPLES = 3
-
-# Columns of one recording; recordings differ in length.
-ColumnsOfRecording = Float[np.ndarray, "dof _ _"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +232,7 @@ def contest(
         may_be_dropped = bool(np.all(deviation == usual))
         if unknown.is_own:
             deviation, width = np.tile(deviation, len(own)), width * len(own)
-            own = _side_by_side(own)
+            own = side_by_side(own)
         mean = -applied.get(unknown.name, np.zeros(width))
         parts = [part.with_columns(columns) for part, columns in zip(parts, own, strict=True)]
         places = np.arange(first, first + width)
@@ -265,10 +269,3 @@ def _usual(
         if is_shown.any():
             usual = np.where(is_shown, unknown.deviations(point, columns), usual)
     return usual
-
-
-def _side_by_side(own: Sequence[ColumnsOfRecording]) -> list[ColumnsOfRecording]:
-    """Columns of each recording, padded with zeros for the coefficients of the others."""
-    width = own[0].shape[2]
-    ends = [(k * width, (len(own) - 1 - k) * width) for k in range(len(own))]
-    return [np.pad(A, ((0, 0), (0, 0), end)) for A, end in zip(own, ends, strict=True)]

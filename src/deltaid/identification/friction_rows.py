@@ -25,11 +25,10 @@ from deltaid.effects.joint import (
     one_way,
     one_way_speed,
 )
-from deltaid.effects.lag_columns import LagColumns
-from deltaid.effects.lag_groups import alone
+from deltaid.effects.lag_columns import late
 from deltaid.effects.point import TracePoint, points_of
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows, parameters_of
+from deltaid.estimation.drive_rows import POSITION_ERROR, DriveRows, parameters_of, side_by_side
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import Columns, Explanation, Rows, Span
 from deltaid.estimation.scatter import surprise
@@ -160,15 +159,15 @@ def friction_rows(
         windows = max(2, round(_WINDOWS * share), round(long * share))
         cutoff = cutoff_of(recording)
         traces.append(trace(dynamics, recording, prior, cutoff=cutoff, windows=windows))
-    Y = np.concatenate([trace.regressor() for trace in traces], axis=1)
+    every = np.concatenate([trace.regressor(additions) for trace in traces], axis=1)
+    Y, added = np.split(every, [len(active_columns(dynamics))], axis=2)
     torques = np.concatenate([trace.torques() for trace in traces], axis=1)
     largest = np.max([recording.log.torque_max for recording in recordings], axis=0)
     rows = DriveRows(largest, Y.shape[1]).by_misfit(Y, torques)
     span, tau = Span.of_columns(rows.stack(Y)), rows.stack(torques)
     p = prior + parameters_of(dynamics, span, tau - rows.stack(Y @ prior[active_columns(dynamics)]))
-    lags = [LagColumns(dynamics, (), p, record.recording, alone(dynamics.dof)) for record in traces]
-    parts = [record.regressor((*additions, *lags))[:, :, Y.shape[2] :] for record in traces]
-    extra = rows.stack(np.concatenate(parts, axis=1))
+    lags = np.concatenate(side_by_side([late(record, p) for record in traces]), axis=1)
+    extra = rows.stack(np.concatenate([added, lags], axis=2))
     points = tuple(points_of([replace(record, load=p) for record in traces], p))
     return FrictionRows(dynamics, points, largest, Y, extra, rows, span.with_columns(extra), tau, p)
 
