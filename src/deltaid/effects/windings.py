@@ -92,8 +92,7 @@ class Windings:
     @classmethod
     def modelled(cls, trace: Trace, motors: Gears, p: Parameters) -> "Windings":
         """With τ_g by the model's torques for p."""
-        carried = trace.dynamics.carried
-        return cls._along(trace, motors, lambda w: carried(w.z, w.qd, w.qdd, p) + w.carried)
+        return cls._along(trace, motors, lambda w: trace.carried(w, p))
 
     @classmethod
     def _along(
@@ -183,7 +182,7 @@ def free_friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
     first, last = trace.stretches[0].time[0], trace.stretches[-1].time[-1]
 
     def shapes(w: SampleBlock) -> np.ndarray:
-        v, carried = w.qd / fastest, trace.dynamics.carried(w.z, w.qd, w.qdd, p) + w.carried
+        v, carried = w.qd / fastest, trace.carried(w, p)
         sign, later = np.sign(v), ((w.time - first) / (last - first))[:, None]
         sizes = [shape(np.abs(v)) for shape, _ in SHAPES] + [np.abs(carried), later, later**2]
         return np.hstack([*(sign * size for size in sizes), np.ones_like(v), np.abs(v)]).T

@@ -104,8 +104,12 @@ class Trace:
         """Entries of Y along some samples, those of additions behind those of the robot."""
         load = None
         if self.dynamics.robot.load_drives:
-            load = self.dynamics.carried(w.z, w.qd, w.qdd, self.load) + w.carried
+            load = self.carried(w, self.load)
         return entries(extended(self.dynamics, additions), w, load, self.recording)
+
+    def carried(self, w: SampleBlock, p: Parameters) -> Float[np.ndarray, "samples dof"]:
+        """Torques that gears carry along some samples, by p and with held loads."""
+        return self.dynamics.carried(w.z, w.qd, w.qdd, p) + w.carried
 
     def behind(self, x: Values, drives: Int[np.ndarray, " channels"]) -> Values:
         """Channels behind the filters of their drives, 1 / (1 + T s), from a steady state on."""
