@@ -51,7 +51,7 @@ class Drift(StagedEffect, DescribedEffect):
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         names, time = point.dynamics.layout.names, point.motion.time
-        active, Y = active_columns(point.dynamics), point.trace.regressor()
+        active, Y = active_columns(point.dynamics), point.regressor
         span, parts = [time[0], max(time[-1], time[0] + 1e-9)], list[np.ndarray]()
         for joint in point.joints:
             k = [names.index(f"{term}.{joint.name}") for term in ("viscous", "coulomb")]

@@ -151,8 +151,8 @@ def _linear(rows: TraceRows, trace: Trace, timing: Timing, free: FreeTiming) -> 
 
 def _warm(rows: TraceRows, trace: Trace, timing: Timing) -> ColumnsOfDrives:
     """(t − t_0) times each friction column of joints."""
-    parameters, (drives, columns) = trace.dynamics.layout.parameters, trace.pattern(rows.additions)
-    friction = [k for k, term in enumerate(parameters) if term.kind == "friction"]
+    layout, (drives, columns) = trace.dynamics.layout, trace.pattern(rows.additions)
+    friction = np.arange(len(layout.names))[layout.friction]
     which = np.flatnonzero(np.isin(columns, friction))
 
     def growing(w: SampleBlock) -> OfDrives:
