@@ -30,18 +30,11 @@ from deltaid.effects.lag_columns import late
 from deltaid.effects.windings import Windings, free_friction, friction_causes, motors_of
 from deltaid.errors import DeltaidError, RecordingError
 from deltaid.estimation.additions import Addition
-from deltaid.estimation.drive_rows import (
-    STRETCHES,
-    DriveRows,
-    of_own_drives,
-    parameters_of,
-    stretch_starts,
-)
-from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import Columns, Rows, Span, lengths
+from deltaid.estimation.drive_rows import STRETCHES, DriveRows, of_own_drives, stretch_starts
+from deltaid.estimation.problem import Columns, Rows, lengths
 from deltaid.estimation.scatter import CHANCE
 from deltaid.estimation.traces import Trace
-from deltaid.identification.study import studied_trace
+from deltaid.identification.study import rigid_fit, studied_trace
 from deltaid.levels import HARDLY, WIDER
 from deltaid.model.verdict import Grade, Verdict
 
@@ -159,9 +152,9 @@ class _Halves:
 def _halves(trace: Trace, declared: Sequence[Addition]) -> _Halves | None:
     """Rows of a recording with declared loads; None if they are too few."""
     log, dynamics, low_pass = trace.recording.log, trace.dynamics, trace.low_pass
-    rows = DriveRows(log.torque_max, trace.torques().shape[1])
-    span = Span.of_columns(rows.stack(trace.regressor()[:, :, : len(active_columns(dynamics))]))
-    p = parameters_of(dynamics, span, rows.stack(trace.torques()))
+    Y = trace.regressor()
+    rows = DriveRows(log.torque_max, Y.shape[1])
+    p = rigid_fit(trace, Y, rows).p
     motors = motors_of(dynamics.robot, p, low_pass.cutoff, low_pass.rate)
     winding = Windings.modelled(trace, motors, p)
     trace, tau = winding.trace, winding.trace.torques()

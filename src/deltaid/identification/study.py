@@ -102,7 +102,7 @@ def studied(
     explained = np.concatenate([Y, slopes(record, p_robot)[:, :, None]], axis=2)
     tau = record.torques()
     rows = DriveRows(recording.log.torque_max, tau.shape[1]).by_misfit(explained, tau)
-    fit = _rigid_fit(record, Y, rows)
+    fit = rigid_fit(record, Y, rows)
     causes = _account(fit, lag=False)
     apart = np.abs(each.values - common.values)
     alike = _surprise(apart, each) < DETECTED or float(apart.max()) < APART
@@ -116,7 +116,7 @@ def studied(
     first = causes.detected[0].candidate.kind if causes.detected else ""
     record = record.shifted((common if alike else each).values)
     Y = record.regressor(beside)
-    fit = _rigid_fit(record, Y, DriveRows(rows.scale, Y.shape[1]))
+    fit = rigid_fit(record, Y, DriveRows(rows.scale, Y.shape[1]))
     if first != "torque-lag" and late < max(others, default=0.0):
         return replace(study, hidden=True, on_time=_inertia(fit))
     causes = _account(fit, lag=True)
@@ -159,7 +159,7 @@ def _account(fit: RigidFit, *, lag: bool) -> Account:
     return account(known, searched, fit.rows.groups, fit.span, fit.span.without(fit.tau))
 
 
-def _rigid_fit(record: Trace, Y: ColumnsOfDrives, rows: DriveRows) -> RigidFit:
+def rigid_fit(record: Trace, Y: ColumnsOfDrives, rows: DriveRows) -> RigidFit:
     """Least squares of a recording's parameters; in Y additions follow the robot."""
     Y_robot, Y_extra = np.split(Y, [len(active_columns(record.dynamics))], axis=2)
     span, tau = Span.of_columns(rows.stack(Y_robot)), rows.stack(record.torques())
