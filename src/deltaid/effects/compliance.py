@@ -36,7 +36,6 @@ from deltaid.effects.windings import (
     fitted,
     free_friction,
     motors_of,
-    parameters,
 )
 from deltaid.errors import DescriptionError
 from deltaid.estimation.drive_rows import RecordingRows, TraceRows, stretch_starts
@@ -186,10 +185,11 @@ class _Fit:
         covariance = np.zeros((count + dof, count + dof))
         for _ in range(most):
             s = self.known + S @ sizes
-            parts = [self._of_links(winding, s, S * little, p) for winding in self.windings(p)]
-            problem = self.rows.problem(parts)
+            pairs = [self._of_links(winding, s, S * little, p) for winding in self.windings(p)]
+            parts, freed = zip(*pairs, strict=True)
+            problem = self.rows.problem(freed)
             step = np.clip(sizes + problem.x[first : first + count], 0.0, softest) - sizes
-            sizes, p = sizes + step, parameters(self.rows, parts)
+            sizes, p = sizes + step, self.rows.robot_parameters(parts)
             covariance = problem.covariance(slice(first, first + count + dof))
             if np.all(np.abs(step) < NEAR * np.sqrt(np.diag(covariance)[:count])):
                 break
@@ -200,23 +200,28 @@ class _Fit:
 
     def _of_links(
         self, winding: Windings, s: Compliance, steps: Groups, p: Parameters
-    ) -> RecordingRows:
-        """Rows of the links' motion by measured torques, with a column for each size.
+    ) -> tuple[RecordingRows, RecordingRows]:
+        """Rows of the links' motion by measured torques, with a column for each size and each lag;
+        and the same beside free friction as well.
 
         Instruments are the same columns by the model's torques, free of the noise that measured
         ones bring into the links' motion: once along the motors' motion, and once along the links'
         motion by the model, which is right below the resonance of gear and inertia.
         """
 
-        def sloped(winding: Windings, s: Compliance) -> RecordingRows:
+        def sloped(winding: Windings, s: Compliance) -> tuple[RecordingRows, RecordingRows]:
             now = winding.turned(s)
-            beside = winding.slopes(s, steps, p), late(now, p), free_friction(now, p)
-            return self.rows.of_trace(now).with_columns(*beside)
+            part = self.rows.of_trace(now).with_columns(winding.slopes(s, steps, p), late(now, p))
+            return part, part.with_columns(free_friction(now, p))
 
         motor = Windings.modelled(winding.trace, winding.motors, p)
         link = Windings.modelled(motor.turned(s), winding.motors, p)
-        clean = tuple(sloped(along, 0 * s).A for along in (motor.inner(1), link))
-        return replace(sloped(winding.inner(2), s), instruments=clean)
+        clean = [sloped(along, 0 * s) for along in (motor.inner(1), link)]
+        part, freed = sloped(winding.inner(2), s)
+        return (
+            replace(part, instruments=tuple(bare.A for bare, _ in clean)),
+            replace(freed, instruments=tuple(free.A for _, free in clean)),
+        )
 
     def better(self, gears: Windup, least: float = _BETTER) -> bool:
         """Whether these compliances fit stretches of time better by `least` standard deviations

@@ -16,7 +16,6 @@ from deltaid.estimation.drive_rows import (
     STRETCHES,
     ColumnsOfDrives,
     OfDrives,
-    RecordingRows,
     TraceRows,
     of_own_drives,
 )
@@ -150,7 +149,8 @@ class Windings:
 
 
 def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Parameters]:
-    """Residuals of each trace's rows beside lags and free friction, and p beside lags alone."""
+    """Residuals of each trace's rows beside lags and free friction, and p of the robot beside lags
+    alone: beside free friction, viscous and Coulomb's are hardly identifiable."""
     parts = [rows.of_trace(trace) for trace in traces]
     p = rows.robot_parameters(parts)
     for k, trace in enumerate(traces):
@@ -161,17 +161,6 @@ def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Pa
     ]
     x = rows.problem(freed).x
     return [part.tau - part.A @ x for part in freed], rows.robot_parameters(parts)
-
-
-def parameters(rows: TraceRows, parts: Sequence[RecordingRows]) -> Parameters:
-    """p of the robot from rows without their last columns, those of `free_friction`, beside which
-    viscous and Coulomb friction are hardly identifiable."""
-    free = slice(-_FREE * len(parts[0].tau))
-    plain = [
-        RecordingRows(part.A[..., free], part.tau, tuple(Z[..., free] for Z in part.instruments))
-        for part in parts
-    ]
-    return rows.robot_parameters(plain)
 
 
 def free_friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
