@@ -266,7 +266,7 @@ def timing_slopes(
 
     where y is the torque behind the trace's filter, and y′ that behind this filter twice."""
     drives, rate = np.arange(trace.dynamics.dof), trace.low_pass.rate
-    by_p = replace(trace, load=p[: len(trace.dynamics.layout.names)])
+    by_p = replace(trace, load=p)
     columns = LagColumns(trace.dynamics, tuple(additions), p, trace.recording, ())
     sharp = ~np.array(trace.constants or np.zeros(len(drives)), dtype=bool)
 

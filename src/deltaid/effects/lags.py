@@ -163,13 +163,13 @@ def _swept(
         if p is None:
             p = rows.parameters(rows.problem(parts).x)
         if rows.dynamics.robot.load_drives:
-            shifted = [replace(trace, load=p[: len(trace.load)]) for trace in shifted]
+            shifted = [replace(trace, load=p) for trace in shifted]
             parts = [rows.of_trace(trace) for trace in shifted]
         lags = side_by_side([late(trace, p, rows.additions) for trace in shifted])
         parts = [part.with_columns(columns) for part, columns in zip(parts, lags, strict=True)]
         if any_friction:
             for k, trace in enumerate(shifted):
-                parts[k] = parts[k].with_columns(free_friction(trace, p[: len(trace.load)]))
+                parts[k] = parts[k].with_columns(free_friction(trace, p))
         problem = rows.problem(parts, (centre - delays).ravel(), deviation.ravel())
         own = slice(rows.size, rows.size + delays.size)
         p, step = rows.parameters(problem.x), problem.x[own].reshape(delays.shape)

@@ -34,7 +34,7 @@ class Trace:
     """A recording's motion and torques in memory."""
 
     dynamics: Dynamics
-    load: Parameters  # by which load friction computes the torques of gears
+    load: Parameters  # as of `carried`, by which load friction computes the torques of gears
     stretches: tuple[SampleBlock, ...]  # runs without a gap; motion filtered, torques as recorded
     low_pass: LowPass
     recording: PreparedRecording
@@ -108,8 +108,9 @@ class Trace:
         return entries(extended(self.dynamics, additions), w, load, self.recording)
 
     def carried(self, w: SampleBlock, p: Parameters) -> Float[np.ndarray, "samples dof"]:
-        """Torques that gears carry along some samples, by p and with held loads."""
-        return self.dynamics.carried(w.z, w.qd, w.qdd, p) + w.carried
+        """Torques that gears carry along some samples, by p of the robot or of all columns, and
+        with held loads."""
+        return extended(self.dynamics).carried(w.z, w.qd, w.qdd, p) + w.carried
 
     def behind(self, x: Values, drives: Int[np.ndarray, " channels"]) -> Values:
         """Channels behind the filters of their drives, 1 / (1 + T s), from a steady state on."""
