@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from deltaid.errors import few
+from deltaid.errors import counted, few
+from deltaid.model.verdict import plus_minus
 
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "deltaid"
 LONGEST = 30  # words a sentence
@@ -75,3 +76,13 @@ def test_a_long_list_says_how_many_more_there_are() -> None:
     assert few(["a", "b"], 2) == "a, b"
     assert few(["a", "b", "c", "d", "e"], 3) == "a, b, c and 2 more"
     assert few(["a", "b", "c"], 1, "; ") == "a; and 2 more"
+
+
+def test_half_widths_have_one_digit_and_no_power_of_ten() -> None:
+    assert plus_minus(178.3, 57.2) == "178 ± 60"
+    assert plus_minus(0.01512, 0.0023, 2) == "0.015 ± 0.002"
+    assert plus_minus(2, 0.96) == "2 ± 1"
+
+
+def test_only_one_of_a_thing_has_no_s() -> None:
+    assert [counted(count, "row") for count in range(3)] == ["0 rows", "1 row", "2 rows"]

@@ -9,7 +9,7 @@ from deltaid.checks.evidence import Evidence
 from deltaid.effects.lag_columns import APART, UnknownLag
 from deltaid.identification.lags_and_gears import UNKNOWN
 from deltaid.identification.study import Study, spoilt
-from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
+from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent, plus_minus
 from deltaid.recording.recording import PreparedRecording
 
 # Bias of an inertia from which a lag is wrong instead of doubtful, as a share.
@@ -31,8 +31,8 @@ def checked_lag(evidence: Evidence, study: Study, recording: PreparedRecording) 
     cost = _cost(study, harm, _why_left(evidence, study, recording))
     if study.hidden:
         return _LAG.judged(
-            f"torques look {abs(lag):.2g} ± {half:.1g} ms {_late(lag)}, but a fault listed below "
-            f"can mimic a lag; {cost}",
+            f"torques look {plus_minus(abs(lag), half, 2)} ms {_late(lag)}, but a fault listed "
+            f"below can mimic a lag; {cost}",
             "",
             lag,
             grade=Grade.CANNOT_TELL,
@@ -83,7 +83,7 @@ def _common(study: Study, cost: str, grade: Grade) -> Verdict:
     lag, half = _common_lag(study)
     rows = 1e-3 * lag * study.fit.trace.low_pass.rate
     return _LAG.judged(
-        f"torques come {abs(lag):.3g} ± {half:.1g} ms {_late(lag)} against positions; {cost}",
+        f"torques come {plus_minus(abs(lag), half)} ms {_late(lag)} against positions; {cost}",
         "",
         lag,
         grade=grade,
@@ -98,7 +98,7 @@ def _differing_lags(study: Study, cost: str, grade: Grade) -> Verdict:
     drives, (common, _) = study.fit.drives, _common_lag(study)
     values, halves = 1e3 * study.each.values, 1e3 * study.each.interval
     lags = [
-        f"{abs(lag):.2g} ± {half:.1g} ms {_late(lag)}"
+        f"{plus_minus(abs(lag), half, 2)} ms {_late(lag)}"
         for lag, half in zip(values, halves, strict=True)
     ]
     differing = np.abs(values - common) > np.maximum(halves, 1e3 * APART)

@@ -12,6 +12,7 @@ from deltaid.errors import DeltaidError
 from deltaid.files import write_bytes
 from deltaid.fleets.drift_findings import Between, DriftFinding
 from deltaid.fleets.robot_drift import RobotDrift
+from deltaid.model.verdict import plus_minus
 from deltaid.view.numbers import number
 from deltaid.view.page import Table
 
@@ -154,7 +155,7 @@ def sentences(drift: RobotDrift) -> list[str]:
     ]
     tools = [
         f"what the robot holds became {'heavier' if tool.mass > 0 else 'lighter'} by "
-        f"{abs(tool.mass):.3g} ± {2 * tool.std:.1g} kg on {_date(drift.date(tool.day))}, "
+        f"{plus_minus(abs(tool.mass), 2 * tool.std)} kg on {_date(drift.date(tool.day))}, "
         "undeclared; it is not counted as friction"
         for tool in drift.tools
     ]

@@ -139,6 +139,11 @@ def percent(share: float) -> str:
     return f"{number:.0f} %" if abs(number) >= 9.95 else f"{number:.2g} %"
 
 
+def plus_minus(value: float, half: float, digits: int = 3) -> str:
+    """A number and its half width, to one digit: '178 ± 60', '0.015 ± 0.002'."""
+    return f"{value:.{digits}g} ± {float(f'{half:.1g}'):g}"
+
+
 def listed(names: Sequence[str], conjunction: str = "and") -> str:
     """A list in words: 'drive1', 'drive1 and drive3', 'drive1, drive2 and drive3'."""
     if len(names) < 2:

@@ -30,7 +30,7 @@ from deltaid.identification.study import studied
 from deltaid.levels import STRONG
 from deltaid.model.model import Model
 from deltaid.model.settings import Settings
-from deltaid.model.verdict import Grade, listed
+from deltaid.model.verdict import Grade, listed, plus_minus
 from deltaid.recording.log import FEW_WINDOWS, Log
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
@@ -202,5 +202,6 @@ def judged_lag(model: Model, log: Log, delay: Delay) -> tuple[Doubt, ...]:
 
 def _in_words(lag: float, half: float | None = None) -> str:
     """'2 ± 0.2 ms late'."""
-    about = "" if half is None else f" ± {1e3 * half:.1g}"
-    return f"{1e3 * abs(lag):.2g}{about} ms {'late' if lag >= 0 else 'early'}"
+    late = 1e3 * abs(lag)
+    size = f"{late:.2g}" if half is None else plus_minus(late, 1e3 * half, 2)
+    return f"{size} ms {'late' if lag >= 0 else 'early'}"

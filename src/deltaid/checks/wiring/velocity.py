@@ -15,7 +15,7 @@ from deltaid.checks.wiring.residual import UNIT, FilteredMotion, Map
 from deltaid.checks.wiring.zeros import BLOCKS
 from deltaid.effects.lag_columns import APART
 from deltaid.levels import STRONG
-from deltaid.model.verdict import Fault, Grade, Verdict
+from deltaid.model.verdict import Fault, Grade, Verdict, plus_minus
 
 # Least correlation of a velocity column with a drive's velocity; least advantage of another drive.
 _TOGETHER, _BETTER = 0.9, 0.05
@@ -137,7 +137,7 @@ def _late(log: RemappedRecording, matched: list[Rate]) -> Iterator[Verdict]:
     if late:
         latest = max(late, key=lambda rate: abs(rate.lag))
         seen = (
-            f"velocities are {1e3 * abs(latest.lag):.3g} ± {2e3 * latest.lag_std:.1g} ms "
+            f"velocities are {plus_minus(1e3 * abs(latest.lag), 2e3 * latest.lag_std)} ms "
             f"{'behind' if latest.lag > 0 else 'ahead of'} the changes of the positions"
         )
         yield _LATE.judged(seen, log.whose([rate.drive for rate in late]), 1e3 * latest.lag)

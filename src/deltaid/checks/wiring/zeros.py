@@ -29,7 +29,7 @@ from deltaid.dynamics.parameters import prior_parameters
 from deltaid.estimation.problem import LinearProblem, Span
 from deltaid.estimation.scatter import CHANCE
 from deltaid.levels import FEW_ROUNDS, NEGLIGIBLE
-from deltaid.model.verdict import Grade, Proposal, Verdict, listed
+from deltaid.model.verdict import Grade, Proposal, Verdict, listed, plus_minus
 from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.robot.tolerances import BY_EYE
 
@@ -253,11 +253,11 @@ def _verdict(
     names = [evidence.robot.drives[i] for i in rivals]
     unit = "mm" if evidence.robot.is_linear(names[0]) else "mrad"
     off, half = (1e3 * value for value in error)
-    of_zero = f"a zero of {names[0]} that is {abs(off):.3g} ± {half:.1g} {unit} off"
+    of_zero = f"a zero of {names[0]} that is {plus_minus(abs(off), half)} {unit} off"
     if others := names[1:]:
         of_zero += f" (or one of {listed(others)}: the motion does not separate these)"
     angle, by = shift.tilted
-    of_tilt = f"a base out of level by {1e3 * angle:.3g} ± {1e3 * by:.1g} mrad"
+    of_tilt = f"a base out of level by {plus_minus(1e3 * angle, 1e3 * by)} mrad"
     if zero:
         share, number, text, rival = shift.gain([rivals[0]]), off, of_zero, of_tilt
         cause, cure = f"homing: {of_zero}", "home the drive anew, or declare its zero"
@@ -310,7 +310,7 @@ def _good(shift: Shifts) -> Verdict:
     seen = "zeros and gravity go with the torques"
     if not 0 < by < _FARTHEST:
         return Verdict("homing-or-tilt", Grade.GOOD, seen)
-    seen += f": a tilt of {1e3 * angle:.2g} ± {1e3 * by:.1g} mrad"
+    seen += f": a tilt of {plus_minus(1e3 * angle, 1e3 * by, 2)} mrad"
     return Verdict("homing-or-tilt", Grade.GOOD, seen, number=1e3 * angle, unit="mrad")
 
 
