@@ -182,6 +182,16 @@ def test_a_torque_limit_below_gravity(tmp_path: Path) -> None:
     assert verdict.number == pytest.approx(9.15 / 2.0, rel=0.02)
 
 
+@pytest.mark.parametrize(("torque", "said"), [(1.5e5, True), (1500.0, False)])
+def test_a_torque_limit_in_another_unit(torque: float, said: bool, tmp_path: Path) -> None:
+    limits = {"drive_limits.drive2.torque": torque, "drive_limits.drive2.speed_deg_s": 600.0}
+    verdict = verdict_of(check(changed_file(tmp_path, limits)), "torque-limit")
+    assert verdict.grade is (Grade.DOUBTFUL if said else Grade.GOOD)
+    assert verdict.subject == "drive2" * said
+    # ω M_22 / τ with M_22 = 0.458 kg m²
+    assert ("10.5 rad/s in 0.032 ms" in verdict.seen) == said
+
+
 @pytest.fixture(scope="module")
 def by_motion() -> dict[str, tuple[Verdict, ...]]:
     """Verdicts on recordings of the 4-DOF Delta by their motion: all of a usual one."""

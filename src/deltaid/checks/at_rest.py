@@ -24,6 +24,8 @@ _CUT = Fault(
     "is wrong",
 )
 _HOLDS = Fault("torque-limit", "of the limit")
+# Time in which no motor reaches its top speed: that of the current loops of fast drives [s].
+_AT_ONCE = 1e-3
 _STUCK = Fault("friction-scale", "of the limit", "friction in another unit or of the motor's side")
 _GEARS = Fault("gear-stiffness", "of the range", "a stiffness in another unit")
 
@@ -49,7 +51,7 @@ def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
     if np.any(poses.stands):
         if limits:
             held = _held(description, poses, limits)
-            yield held
+            yield _too_large(robot, limits) or held
             if held.grade is Grade.GOOD:  # else the limit is too low
                 yield from _stuck(description, limits)
         yield from _wound_up(description, poses, limits)
@@ -120,6 +122,26 @@ def _held(robot: RobotDescription, poses: Poses, limits: dict[int, float]) -> Ve
         grade=Grade.WRONG if sinking > 0.5 else Grade.DOUBTFUL,
         cause=f"a {units.effort} limit of the motor's side of the gear or in another unit, or "
         "masses that are too large",
+        cure=f"give {units.effort} in drive_limits in {units.force} at the joint; check the masses",
+    )
+
+
+def _too_large(robot: AtRest, limits: dict[int, float]) -> Verdict | None:
+    """A verdict on a limit by which a drive would reach its top speed at once; None without."""
+    dynamics, described = robot.dynamics, robot.robot
+    M = dynamics.mass_matrix(dynamics.kinematics.inverse(described.home), robot.p)
+    speeds = {i: described.limits_of(described.drives[i]).top_speed or np.inf for i in limits}
+    times = {i: speeds[i] * float(M[i, i]) / limits[i] for i in limits}
+    if not (fast := [i for i in limits if times[i] < _AT_ONCE]):
+        return None
+    i = min(fast, key=lambda i: times[i])
+    units = described.units(described.drives[i])
+    return _HOLDS.judged(
+        f"{described.drives[i]} may do {limits[i]:.3g} {units.force}, by which the prior reaches "
+        f"the top speed of {speeds[i]:.3g} {units.coordinate}/s in {1e3 * times[i]:.2g} ms; no "
+        "motor does",
+        listed([described.drives[i] for i in fast]),
+        cause=f"a {units.effort} limit in another unit, or masses that are too small",
         cure=f"give {units.effort} in drive_limits in {units.force} at the joint; check the masses",
     )
 
