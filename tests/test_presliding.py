@@ -91,8 +91,6 @@ def test_friction_that_is_higher_after_a_turn_is_another_cause() -> None:
     for change, possible in ((0.0, True), (-0.2, True), (-0.4, False)):
         values = np.concatenate([-falling, falling + change / 4, 2 * np.ones(4)])
         assert effect.is_possible(values, covariance) == possible
-    # Within chance for each drive, and yet no friction yields.
-    assert not effect.is_possible(np.tile(falling, 3), covariance)
 
 
 def test_check_names_friction_before_slip() -> None:

@@ -88,12 +88,10 @@ class _Yielding(Added):
     def is_possible(
         self, values: Deviations, covariance: Float[np.ndarray, "coefficients coefficients"]
     ) -> bool:
-        """Whether friction is lower just after a turn in all, and higher for no drive, beyond
-        chance (95 %)."""
+        """Whether friction of no drive is higher just after a turn, beyond chance (95 %)."""
         of_drives = np.kron(np.eye(len(values) // len(_SHARES)), np.ones(len(_SHARES)))
         deviation = np.sqrt(np.diag(of_drives @ covariance @ of_drives.T))
-        lower = of_drives @ values / deviation
-        return bool(lower.sum() >= 0.0 and np.all(lower >= -NORMAL))
+        return bool(np.all(of_drives @ values >= -NORMAL * deviation))
 
 
 def _dahl(
