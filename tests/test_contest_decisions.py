@@ -380,6 +380,10 @@ def test_a_suspect_is_named_and_intervals_count_it(odds: float, weight: float) -
     full.suspects.return_value = {}
     assert doubted(outcome, full, last).doubts == {"tilt": "leans"}
     assert SUSPECTED not in refuted(outcome, "zeros are", []).doubts
+    # 10⁸⁶⁶ is no floating-point number.
+    full.suspects.return_value, shrunk.surprise.return_value = {"drive-spring": suspect}, 866.0
+    rare = doubted(before, full, last).doubts.get(SUSPECTED, "")
+    assert ("in one of more than 1,000,000,000 recordings" in rare) == (odds > 0)
 
 
 def test_intervals_count_gains_that_rows_do_not_decide() -> None:

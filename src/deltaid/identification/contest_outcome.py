@@ -32,6 +32,8 @@ from deltaid.robot.description import RobotDescription
 
 # Key of the doubt that more effects than are corrected may act.
 SUSPECTED = "suspected"
+# Decades of improbability beyond which only "more than" is said.
+_RAREST = 9.0
 
 
 def decided(before: ContestOutcome, last: Contest, *, may_wind_up: bool) -> ContestOutcome:
@@ -142,10 +144,11 @@ def _suspicion(surprises: Mapping[str, float]) -> dict[str, str]:
     if not surprises:
         return {}
     names = sorted(surprises, key=lambda name: -surprises[name])
-    causes = _named(names, "or")
+    causes, largest = _named(names, "or"), surprises[names[0]]
+    rare = "more than " * (largest > _RAREST)
     doubt = Doubt(
-        f"{causes} may act as well: chance explains as much in one of "
-        f"{10 ** surprises[names[0]]:,.0f} recordings; that is not enough to correct it, so "
+        f"{causes} may act as well: chance explains as much in one of {rare}"
+        f"{10 ** min(largest, _RAREST):,.0f} recordings; that is not enough to correct it, so "
         "intervals count it",
         cause=f"a small error or effect ({causes}), or something unknown that looks like it",
         cure="record a longer or faster motion, which decides it",
