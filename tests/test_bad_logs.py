@@ -58,6 +58,9 @@ BAD_TEXT = {
     ),
     "German date": (with_field(2, "t", "1.3.2026 10:59"), "2: column t is '1.3.", "T14:30:00.000"),
     "printed minus": (with_field(150, "q2", "−0.5"), "is '−0.5'", "minus sign as on the keyboard"),
+    "hexadecimal": (with_field(150, "q2", "0x1F"), "is '0x1F'", "write numbers in decimal digits"),
+    "unit": (with_field(150, "q2", "-0.5 rad"), "is '-0.5 rad'", "the number alone, and its unit"),
+    "unit of angles": (with_field(150, "q2", "-5.2e-1°"), "is '-5.2e-1°'", "the number alone"),
     "zeroed bytes": (
         with_field(150, "q2", "0.5\x00\x00"),
         "is '0.5??'",

@@ -41,6 +41,11 @@ _CURES = (
     ),
     (_FORTRAN, "write exponents with E, as in 1.5E+00"),
     (re.compile(r"(?s).*−.*"), "write the minus sign as on the keyboard (-)"),
+    (re.compile(r"[+-]?0[xX][\da-fA-F]+"), "write numbers in decimal digits, not in hexadecimal"),
+    (
+        re.compile(r"[+-]?[\d.]+([eE][+-]?\d+)? *([^\W\d_]|[°%])[\w/²·°% ]*"),
+        "write the number alone, and its unit in a mapping of columns (unit:, with --columns)",
+    ),
 )
 
 
