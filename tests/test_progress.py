@@ -1,7 +1,9 @@
 """Progress: told to a function, shown where someone watches, silent elsewhere."""
 
 import io
+import re
 import sys
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -79,6 +81,23 @@ def test_a_script_in_a_terminal_is_silent_and_a_prompt_is_not(
     monkeypatch.setattr(sys, "ps1", ">>> ", raising=False)
     say(None, "one [red]stage[/red]")
     assert "work: one [red]stage[/red]" in terminal.getvalue()
+
+
+def test_a_terminal_shows_the_time_since_the_start_and_that_left_where_it_is_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    terminal = terminal_of(monkeypatch)
+    with watched(True, "work") as say_so:
+        say_so("preparing")
+        time.sleep(1.1)
+        say_so("looking")  # another stage
+        assert "left" not in terminal.getvalue()
+        assert re.search(r"0:00:0[1-9] work: looking", terminal.getvalue())
+        for k in range(1, 4):
+            say_so(f"start {k} of 4")
+            time.sleep(0.6)
+    plain = re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", terminal.getvalue())
+    assert re.search(r"0:00:0\d 0:00:0\d left work: start \d of 4", plain)
 
 
 def test_a_prompt_without_a_terminal_is_silent(

@@ -3,8 +3,10 @@
 import html
 import re
 import sys
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 from deltaid.errors import visible
@@ -83,13 +85,24 @@ def _shown_in_notebook(title: str) -> Generator[Progress, None, None]:
 
 
 def shown_in_terminal(console: "Console", title: str = "") -> Generator[Progress, None, None]:
-    """A progress bar with the time since the start, the time left and the stage after a title."""
-    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    """A progress bar with the time since the start, the time left where stages have numbers, and
+    the stage after a title."""
+    from rich.progress import BarColumn, Task, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
-    from rich.progress import TimeRemainingColumn as Left
+    from rich.text import Text
 
-    columns = (BarColumn(bar_width=16), TimeElapsedColumn(), TextColumn("left"), Left(),
-               TextColumn("{task.description}", markup=False))  # fmt: skip
+    begin = time.monotonic()
+
+    class Times(TimeRemainingColumn):
+        """Time since the start, and the time left of a stage where it is known."""
+
+        def render(self, task: Task) -> Text:
+            passed = Text(str(timedelta(seconds=int(time.monotonic() - begin))))
+            if task.time_remaining:
+                passed.append(" ").append(super().render(task)).append(" left")
+            return passed
+
+    columns = BarColumn(bar_width=16), Times(), TextColumn("{task.description}", markup=False)
     with Bars(*columns, console=console, transient=True) as bars:
         task, stage = bars.add_task(f"{title}starting", total=None), ""
 
@@ -97,10 +110,10 @@ def shown_in_terminal(console: "Console", title: str = "") -> Generator[Progress
             nonlocal task, stage
             word, share = text.partition(" ")[0], share_of(text)
             is_new = word != stage
+            said = visible(f"{title}{text}")
             if is_new:  # time left is estimated from this stage alone
                 bars.remove_task(task)
-                task, stage = bars.add_task("", total=None if share is None else 1.0), word
-            said = visible(f"{title}{text}")
+                task, stage = bars.add_task(said, total=None if share is None else 1.0), word
             bars.update(task, description=said, completed=share or 0.0, refresh=is_new)
 
         yield say
