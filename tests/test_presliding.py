@@ -10,6 +10,7 @@ import deltaid
 from deltaid.effects.point import TracePoint
 from deltaid.effects.presliding import Presliding
 from deltaid.identification.study import studied_trace
+from deltaid.model.parameter_record import Parameter
 from deltaid.model.verdict import Grade
 from drives import case
 from drives.identify import identified
@@ -91,6 +92,21 @@ def test_friction_that_is_higher_after_a_turn_is_another_cause() -> None:
     for change, possible in ((0.0, True), (-0.2, True), (-0.4, False)):
         values = np.concatenate([-falling, falling + change / 4, 2 * np.ones(4)])
         assert effect.is_possible(values, covariance) == possible
+
+
+@pytest.mark.parametrize(("sign", "words"), [(1, "builds up over 3.2°"), (-1, "an average or")])
+def test_friction_that_falls_after_a_turn_is_not_said_to_yield(sign: int, words: str) -> None:
+    dynamics, stroke = deltaid.load("clavel-delta3").dynamics, 2.0
+    effect = Presliding(dynamics, (1,), (1.0,) * 4, (1 / stroke,))
+    judged = [
+        Parameter(name=name, value=sign * value, std=0.1, low=sign * value - 0.2,
+                  high=sign * value + 0.2, unit="N m", prior=0.0, determined_by="data")
+        for name, value in (("1", -0.1), ("3", 0.0), ("10", 0.1), ("30", 0.9))
+    ]  # fmt: skip
+    (correction,) = effect.to_corrections(judged)
+    assert correction.value == pytest.approx(sign * 0.9)
+    assert words in correction.text  # 3.2° is (0.1 · 1 % + 0.9 · 3 %) of 2 rad
+    assert ("yield before they slip" in correction.text) == (sign > 0)
 
 
 def test_check_names_friction_before_slip() -> None:

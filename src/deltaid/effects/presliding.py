@@ -27,6 +27,11 @@ from deltaid.model.verdict import percent
 
 # x_0 as shares of the stroke: from what a turn hardly shows to a slow rise; sums fit any between.
 _SHARES = np.array([0.001, 0.003, 0.01, 0.03])
+_YIELDS = "its friction builds up over {} after it turns, as seals and gears yield before they slip"
+_FALLS = (
+    "its friction seems to fall over {} after it turns, where friction that yields would build up: "
+    "likelier an average or a filter of its torque, of which deltaid has no effect"
+)
 
 
 class Presliding(AtDrives):
@@ -53,15 +58,12 @@ class Presliding(AtDrives):
         for k, (owner, order) in enumerate(zip(self.owners, self.orders, strict=True)):
             own = judged[k * count : (k + 1) * count]
             values = np.array([entry.value for entry in own])
-            yielding = np.maximum(values, 0.0)
-            length = float(yielding @ _SHARES) / max(float(yielding.sum()), 1e-300) / order
+            size = float(values.sum())
+            along = np.maximum(np.copysign(1.0, size) * values, 0.0)
+            length = float(along @ _SHARES) / max(float(along.sum()), 1e-300) / order
             linear = self.dynamics.robot.is_linear(owner)
             distance = f"{1e3 * length:.2g} mm" if linear else f"{np.degrees(length):.2g}°"
-            text = (
-                f"its friction builds up over {distance} after it turns, as seals and gears yield "
-                "before they slip"
-            )
-            size = float(values.sum())
+            text = (_YIELDS if size >= 0.0 else _FALLS).format(distance)
             corrections.append(self.correction(owner, size, own, self.unit, text))
         return tuple(corrections)
 
