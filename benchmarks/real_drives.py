@@ -42,7 +42,8 @@ _ASKED: dict[tuple[float, float | None], str] = {
     (0.2, 1.0): "stribeck direction",
     (0.3, 0.5): "load-cycles load-half",
     (0.3, 0.7): "clipped",
-    (0.3, 1.0): "filter-5ms hold-2ms noisy-hold clocks late-gear held-delays backlash",
+    (0.3, 1.0): "filter-5ms second-order average-8ms hold-2ms noisy-hold clocks late-gear "
+    "held-delays backlash",
     (0.3, 1.5): "load-friction three-laws",
     (0.5, None): "gear-20000",
     (1.0, None): "gains gear-5000",

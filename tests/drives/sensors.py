@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 
 from drives.happening import Happening, within
 from logs import tabled
@@ -24,6 +24,8 @@ class Sensors:
         noise: of torques, as a share of each drive's largest without contacts.
         delay: lag of torque columns (s).
         current_loop: cut-off of a first-order filter on torques (Hz).
+        second_order: cut-off of a Butterworth filter of second order on torques (Hz).
+        average: time over which each row averages the torque until then (s).
         velocity, velocity_lag: whether q̇ is recorded, and its filter's time constant (s).
         clip: share of the largest torque at which torque columns saturate.
         gain: of the torque constants: recorded = gain × true.
@@ -45,6 +47,8 @@ class Sensors:
     noise: float = 0.02
     delay: Array | float = 0.0
     current_loop: float | None = None
+    second_order: float | None = None
+    average: float = 0.0
     velocity: bool = False
     velocity_lag: float = 0.0
     clip: float | None = None
@@ -64,9 +68,10 @@ class Sensors:
 
     @property
     def lag(self) -> Array | float:
-        """Lag of torques: dead time plus time constant (s)."""
+        """Lag of torques: dead time plus that of slow torques behind filters and averages (s)."""
         loop = 0.0 if self.current_loop is None else 1 / (2 * np.pi * self.current_loop)
-        return self.delay + loop
+        second = 0.0 if self.second_order is None else 2**0.5 / (2 * np.pi * self.second_order)
+        return self.delay + loop + second + 0.5 * self.average
 
     def recorded(self, happening: Happening) -> pl.DataFrame:
         """The log: t, q, qd if recorded, tau, gripper if recorded."""
@@ -85,6 +90,12 @@ class Sensors:
             tau = scale * self.believed(tau / scale)
         if self.current_loop is not None:
             tau = _first_order(tau, machine.rate / (2 * np.pi * self.current_loop))
+        if self.second_order is not None:
+            b, a = butter(2, self.second_order, fs=machine.rate)
+            tau = lfilter(b, a, tau - tau[0], axis=0) + tau[0]
+        if self.average:
+            rows = round(self.average * machine.rate)
+            tau = lfilter(np.full(rows, 1 / rows), 1.0, tau - tau[0], axis=0) + tau[0]
         tau = self.gain * tau + scale * self.offset
         if not self.held_noise:
             tau = self._held(tau, machine.rate)

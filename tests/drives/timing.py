@@ -1,7 +1,7 @@
 """Rows of the table for the sampling of torques and positions.
 
-Torques pass a filter, are held between two updates of the drive, have a separate clock, or lag in
-addition to gears that wind up.
+Torques pass a filter, are averaged or held between two updates of the drive, have a separate clock,
+or lag in addition to gears that wind up.
 """
 
 from dataclasses import replace
@@ -12,13 +12,23 @@ from drives.happening import Happening
 from drives.rows import Row, gear
 from drives.sensors import Sensors
 
-# Time constant of the filter (s), time between two updates (s), relative difference of the clocks,
-# lag of all torques (s), stiffness of the gears (N m/rad).
-_FILTER, _HOLD, _CLOCKS, _LATE, _STIFFNESS = 5e-3, 2e-3, 5e-4, 3e-3, 8e3
+# Time constant of the filter (s), cut-off of one of second order (Hz), averaged time (s), time
+# between two updates (s), relative difference of the clocks, lag of all torques (s), stiffness of
+# the gears (N m/rad).
+_FILTER, _CUT_OFF, _AVERAGED, _HOLD = 5e-3, 50.0, 8e-3, 2e-3
+_CLOCKS, _LATE, _STIFFNESS = 5e-4, 3e-3, 8e3
 
 
 def _filter(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
     return h, Sensors(current_loop=1 / (2 * np.pi * _FILTER))
+
+
+def _second_order(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    return h, Sensors(second_order=_CUT_OFF)
+
+
+def _average(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
+    return h, Sensors(average=_AVERAGED)
 
 
 def _hold(h: Happening, rng: np.random.Generator) -> tuple[Happening, Sensors]:
@@ -50,6 +60,8 @@ def _updated(h: Happening) -> float:
 
 TIMING = {
     "filter-5ms": Row(_filter, "torques behind a filter of 5 ms"),
+    "second-order": Row(_second_order, "torques behind a second-order filter of 50 Hz"),
+    "average-8ms": Row(_average, "torques averaged over 8 ms"),
     "hold-2ms": Row(_hold, "torques updated every 2 ms"),
     "noisy-hold": Row(_noisy_hold, "the same, and the log adds noise to each row"),
     "clocks": Row(_clocks, "the clock of the torques 500 ppm fast or slow"),
