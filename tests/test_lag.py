@@ -82,7 +82,7 @@ def test_a_common_lag_is_the_mean_by_generalised_least_squares() -> None:
     root, values = rng.standard_normal((3, 3)), rng.standard_normal(3)
     C = root @ root.T
     nothing = np.zeros((1, 3))
-    lags = Lags(values[None], C[None], nothing, nothing, nothing > 0, nothing > 0, np.zeros(0))
+    lags = Lags(values[None], C[None], *[nothing] * 2, *[nothing > 0] * 2, nothing, np.zeros(0))
     inverse = np.linalg.inv(C)
     lag = lags.common(0)
     np.testing.assert_allclose(lag.values, inverse.sum(axis=0) @ values / inverse.sum())

@@ -115,7 +115,7 @@ def lags_together(monkeypatch: pytest.MonkeyPatch):
     ) -> Lags:
         def reversal_lags(*_: object) -> ReversalLags:
             flags = (np.isin(np.arange(3), which) for which in (filtered, doubtful))
-            return ReversalLags(values, deviation, *flags)
+            return ReversalLags(values, deviation, *flags, np.zeros(3))
 
         monkeypatch.setattr(module, "lags_of_reversals", reversal_lags)
         return estimate_lags([recording()], additions, spread=0.5)

@@ -7,7 +7,11 @@ import pytest
 
 from deltaid.recording.delay import LagGrowth, Shift, delayed
 from deltaid.recording.hold import Hold, filled, holds
+from deltaid.recording.repairs import Repairs
 from deltaid.recording.time.signals import Signal, interpolate, merged
+from drives import case
+from drives.identify import identified
+from drives.judge import judge
 from test_lag import columns
 
 RATE, SAMPLES = 1000.0, 12_000
@@ -174,3 +178,31 @@ def test_a_hole_in_one_signal_is_one_of_all() -> None:
     signals = [[Signal(fast, waves(fast))], [Signal(slow, waves(slow))]]
     together, _ = merged(["fast", "slow"], signals, "log")
     np.testing.assert_array_equal(together.time, np.concatenate([fast[:301], fast[372:997]]))
+
+
+def test_blurred_and_interpolated_torques_reach_as_far_as_both() -> None:
+    assert Repairs().smear(RATE) == ()
+    assert Repairs(blur=(4e-3, 0.0)).smear(RATE) == (4, 0)
+    held = Repairs(blur=(4.2e-3, 0.0), hold=(Hold(2.0), Hold(0.0)))
+    spread = Hold(2.0).spread
+    assert held.smear(2 * RATE) == (9 + spread, Hold(0.0).spread)
+    late = Repairs(blur=(4e-3, 0.0), delay=(1e-3, 1.5e-3))
+    assert late.smear(RATE) == tuple(np.add((4, 0), late.shift(RATE).smear).tolist())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("row", "kind", "seed"),
+    [("average-8ms", "linear", 0), ("second-order", "linear", 0), ("average-8ms", "resized", 0)],
+)
+def test_blurred_steps_are_a_lag_and_no_friction(row: str, kind: str, seed: int) -> None:
+    made = case(row, kind, seed)
+    result = identified(made)
+    judged = judge(made, result)
+    assert dict(judged.said) == {"lag": 1}
+    assert judged.lag < 1e-4
+    assert judged.M < 0.003  # 0.1 to 2.8 % where these rows count
+    assert judged.friction < 0.007  # 5 to 9 %
+    assert np.mean(judged.curves) > 0.9
+    (lag,) = result.model.corrections
+    assert "steps at reversals are blurred" in lag.text

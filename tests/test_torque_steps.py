@@ -1,20 +1,29 @@
 """Where torques step as a drive turns round: at once, behind a filter, or not at all."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy import signal
 
-from deltaid.effects.reversals import (
+from deltaid.effects.torque_steps import (
     Local,
+    Shape,
     Steps,
     _posterior,
     behind_filter,
+    blurred,
+    butterworth,
     is_abrupt,
     is_rounded,
     locally,
     located,
     misfit,
+    ramped,
     rounded,
     sharp,
+    twice_rounded,
+    yielding,
 )
 
 PERIOD, SEEN, SLOPE = 2e-3, 0.8, 20.0
@@ -38,7 +47,8 @@ def steps(
     jump = rng.choice([-1.0, 1.0], 20) * rng.uniform(1.0, 3.0, 20)
     shape = response(after - dead, constant) if constant else sharp(after, dead)
     left = rng.normal(0.0, 5.0, (20, 1)) + jump[:, None] * (seen * shape + SLOPE * after)
-    return Steps(after, left + noise * rng.standard_normal(after.shape), jump)
+    left += noise * rng.standard_normal(after.shape)
+    return Steps(after, left, jump, rng.uniform(1.0, 4.0, 20))
 
 
 def test_a_step_behind_a_filter_is_its_response() -> None:
@@ -98,8 +108,7 @@ def test_what_a_filter_leaves_open_is_looked_for_where_the_step_begins() -> None
     dead, constant = 1e-3, CONSTANTS[-1] * PERIOD
     of_drive = steps(np.random.default_rng(12), dead, constant, noise=0.01)
     before = np.abs(of_drive.after - (dead - 2 * PERIOD)) < 0.5 * PERIOD
-    rung = Steps(of_drive.after, of_drive.left + 0.9 * of_drive.jump[:, None] * before,
-                 of_drive.jump)  # fmt: skip
+    rung = replace(of_drive, left=of_drive.left + 0.9 * of_drive.jump[:, None] * before)
     assert behind_filter(of_drive, dead + constant, PERIOD) is not None
     assert behind_filter(rung, dead + constant, PERIOD) is None
 
@@ -108,10 +117,10 @@ def test_what_is_no_filter_tells_nothing() -> None:
     """Torques without any step, and those that step twice."""
     rng = np.random.default_rng(6)
     none = steps(rng, 1e-3, PERIOD, noise=0.01)
-    smooth = Steps(none.after, SLOPE * none.jump[:, None] * none.after, none.jump)
+    smooth = replace(none, left=SLOPE * none.jump[:, None] * none.after)
     assert behind_filter(smooth, 1e-3, PERIOD) is None
     ringing = none.left + none.jump[:, None] * np.exp(-((none.after / PERIOD) ** 2))
-    assert behind_filter(Steps(none.after, ringing, none.jump), 1e-3, PERIOD) is None
+    assert behind_filter(replace(none, left=ringing), 1e-3, PERIOD) is None
 
 
 def test_a_sharp_step_lies_where_it_says() -> None:
@@ -124,14 +133,14 @@ def test_a_sharp_step_lies_where_it_says() -> None:
     assert np.std(z) == pytest.approx(1.0, abs=0.2)  # 200 draws tell it to 0.05
     assert np.mean(z) == pytest.approx(0.0, abs=0.25)
     few = steps(rng, 1e-3, 0.0, noise=0.01)
-    three = Steps(few.after[:3], few.left[:3], few.jump[:3])
+    three = Steps(*(values[:3] for values in vars(few).values()))
     assert located(three, 1e-3, 5e-3) is None
 
 
 def test_the_place_of_a_step_has_its_likelihood() -> None:
     """All places within reach are as likely before; summed over a fine grid of them."""
     of_drive, noise = steps(np.random.default_rng(11), 1e-3, 0.0, noise=1.0, seen=1.0), 1.0
-    some = Steps(of_drive.after[:4], of_drive.left[:4], of_drive.jump[:4])
+    some = Steps(*(values[:4] for values in vars(of_drive).values()))
     left = some.left - SLOPE * some.jump[:, None] * some.after
     left -= left.mean(axis=1, keepdims=True)
     places = np.linspace(-2e-3, 5e-3, 14001)
@@ -175,8 +184,8 @@ def test_a_step_is_distinguished_from_a_slope_over_many_samples() -> None:
     rng = np.random.default_rng(10)
     abrupt = steps(rng, 0.0, 0.0, noise=0.01)
     ramp = np.clip(abrupt.after / (14 * PERIOD), -0.5, 0.5)
-    yielding = Steps(abrupt.after, abrupt.jump[:, None] * ramp, abrupt.jump)
-    for recorded, expected in ((abrupt, True), (yielding, False)):
+    gradual = replace(abrupt, left=abrupt.jump[:, None] * ramp)
+    for recorded, expected in ((abrupt, True), (gradual, False)):
         local = locally(recorded, sharp(recorded.after, 0.0))
         assert is_abrupt(local, recorded, 0.0) == expected
 
@@ -185,7 +194,7 @@ def test_a_step_is_distinguished_from_a_slope_over_many_samples() -> None:
 def test_a_step_that_noise_hides_nearby_is_a_step(share: float, expected: bool) -> None:
     """Up to three deviations of what seven samples say of it beside a slope."""
     of_drive = steps(np.random.default_rng(13), 0.0, 0.0, noise=4.0, seen=0.2)
-    few = Steps(of_drive.after[:, 10:17], of_drive.left[:, 10:17], of_drive.jump)
+    few = replace(of_drive, after=of_drive.after[:, 10:17], left=of_drive.left[:, 10:17])
     near = locally(few, sharp(few.after, 0.0))
     columns = few.jump[:, None] * np.stack([sharp(few.after, 0.0), few.after])
     columns -= columns.mean(axis=2, keepdims=True)
@@ -226,3 +235,68 @@ def test_sharp_or_filtered_is_decided_by_likelihoods() -> None:
         decided.append(is_rounded(at_once, filtered, 1e-3, PERIOD))
         assert decided[-1] == (ratios.mean() > 1.0)
     assert 3 < sum(decided) < 27
+
+
+# Numerator and denominator of filters whose slow torques are late by 4 ms.
+FILTERS = {
+    "butterworth": (butterworth, [1.0], [0.5 * 4e-3**2, 4e-3, 1.0]),
+    "two filters": (twice_rounded, [1.0], [(0.5 * 4e-3) ** 2, 4e-3, 1.0]),
+}
+
+
+@pytest.mark.parametrize(("shape", "numerator", "denominator"), FILTERS.values(), ids=FILTERS)
+def test_blurred_steps_are_responses_of_filters(
+    shape: Shape, numerator: list[float], denominator: list[float]
+) -> None:
+    time = np.linspace(0.0, 0.05, 2001)
+    _, expected = signal.step((numerator, denominator), T=time)
+    np.testing.assert_allclose(shape(time[None], 4e-3, 4e-3)[0], expected - 0.5, atol=1e-4)
+    late = np.sum(1.0 - expected) * (time[1] - time[0])  # that of slow torques
+    assert late == pytest.approx(4e-3, abs=2e-5)
+
+
+def test_steps_in_averages_are_ramps() -> None:
+    time = np.arange(-0.02, 0.02, 1e-5)
+    averaged = np.convolve(np.sign(time) / 2, np.ones(801) / 801, "same")[1000:-1000]
+    found = ramped(time[None], 0.0, 801e-5)[0, 1000:-1000]
+    np.testing.assert_allclose(found, averaged, atol=2e-3)
+
+
+def blurry(shape: Shape, late: float, time: float, rng: np.random.Generator) -> Steps:
+    """Steps of a shape in samples of 1 ms, wide about the reversals."""
+    after = (np.arange(-24, 25) - rng.uniform(0.0, 1.0, (20, 1))) * 1e-3
+    jump, acceleration = rng.choice([-1.0, 1.0], 20), rng.uniform(1.0, 4.0, 20)
+    of_drive = Steps(after, np.zeros_like(after), jump, acceleration)
+    form = yielding(of_drive) if shape is yielding else shape
+    clean = rng.normal(0.0, 5.0, (20, 1)) + jump[:, None] * (
+        form(after, late, time) + SLOPE * after
+    )
+    return replace(of_drive, left=clean + 0.05 * rng.standard_normal(after.shape))
+
+
+@pytest.mark.parametrize(
+    ("shape", "time", "reach"), [(ramped, 8e-3, 4e-3), (butterworth, 4.5e-3, 9e-3),
+                                 (twice_rounded, 6e-3, 12e-3)]
+)  # fmt: skip
+def test_blurred_steps_have_a_lag_and_a_reach(shape: Shape, time: float, reach: float) -> None:
+    """The times that are tried are 22 % apart."""
+    for seed in range(5):
+        of_drive = blurry(shape, 3.5e-3, time, np.random.default_rng(seed))
+        lag, deviation, around = blurred(of_drive, 3e-3, 1e-3)
+        assert lag == pytest.approx(3.5e-3, abs=4e-4)
+        assert deviation < 3e-4
+        assert reach / 1.3 < around < reach * 1.3
+
+
+@pytest.mark.parametrize("shape", [sharp, rounded, yielding])
+def test_other_steps_are_not_blurred(shape: Shape) -> None:
+    def form(after: np.ndarray, late: float, time: float) -> np.ndarray:
+        return sharp(after, late)
+
+    for seed in range(5):
+        used = form if shape is sharp else shape
+        of_drive = blurry(used, 2.5e-3, 3e-3, np.random.default_rng(seed))
+        assert blurred(of_drive, 2.5e-3, 1e-3) is None
+    none = replace(of_drive, left=np.random.default_rng(0).standard_normal(of_drive.left.shape))
+    assert blurred(none, 2.5e-3, 1e-3) is None
+    assert blurred(Steps(*(values[:3] for values in vars(of_drive).values())), 0.0, 1e-3) is None

@@ -95,7 +95,9 @@ class Sensors:
             tau = lfilter(b, a, tau - tau[0], axis=0) + tau[0]
         if self.average:
             rows = round(self.average * machine.rate)
-            tau = lfilter(np.full(rows, 1 / rows), 1.0, tau - tau[0], axis=0) + tau[0]
+            taps = np.ones(rows + 1) / rows
+            taps[[0, -1]] /= 2.0
+            tau = lfilter(taps, 1.0, tau - tau[0], axis=0) + tau[0]
         tau = self.gain * tau + scale * self.offset
         if not self.held_noise:
             tau = self._held(tau, machine.rate)

@@ -35,6 +35,10 @@ _FILTER = (
     "friction at reversals have its tails"
 )
 _PURE = "; it is all that makes them late"
+_BLURRED = (
+    "; their steps at reversals are blurred, as by averages or a filter of second order, so rows "
+    "next to reversals do not count"
+)
 # Lags that differ by more [s] do harm, and are reported to differ.
 APART = 2.0 * SMALL
 
@@ -126,6 +130,7 @@ class LagColumns(TimingColumns):
 
     unsure: tuple[int, ...] = ()  # drives whose lag may be that of a filter or of a delay
     timing: Timing | None = None  # filters and clock that have been corrected
+    blurred: tuple[int, ...] = ()  # drives whose steps of friction averages or filters blur
 
     @property
     def columns(self) -> Sequence[TimingColumn]:
@@ -180,6 +185,7 @@ class LagColumns(TimingColumns):
                 value, ends = fitted.value, (fitted.low, fitted.high)
             text = _sentence(value, spread, held=not group.free)
             text += _UNSURE * bool(set(group.drives) & set(self.unsure))
+            text += _BLURRED * bool(set(group.drives) & set(self.blurred))
             corrections += (
                 self.correction("lag", value, ends, "s", text, subject)
                 for subject in group.subjects(self.dynamics)

@@ -59,10 +59,15 @@ class Lags:
     # whether the other rows agree with reversals; where they do not, something else is wrong
     agrees: Bool[np.ndarray, "recordings dof"]
     abrupt: Bool[np.ndarray, "recordings dof"]  # whether steps at reversals passed no filter
+    blur: Delays  # time before and after lags over which steps are blurred; zero if not [s]
     p: Parameters  # of the robot and of additions, fitted with these lags
 
     def each(self, k: int) -> Lag:
         return Lag(self.values[k], np.sqrt(np.diag(self.covariance[k])))
+
+    def blurred(self, k: int) -> tuple[float, ...]:
+        """`Repairs.blur` of the k-th recording."""
+        return tuple(self.blur[k].tolist()) if self.blur[k].any() else ()
 
     def common(self, k: int) -> Lag:
         """The common lag of all drives of the k-th recording."""
@@ -113,11 +118,12 @@ def estimate_lags(
         lags_of_reversals(trace, additions, p, lags)
         for trace, lags in zip(turning or traces, values, strict=True)
     ]
-    steps, step_std, filtered, doubtful = (np.array(part) for part in zip(*reversals, strict=True))
+    parts = (np.array(part) for part in zip(*reversals, strict=True))
+    steps, step_std, filtered, doubtful, blur = parts
     deviation = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     agrees = np.abs(steps - values) < SURE * np.hypot(step_std, deviation)
     # Friction that yields before it slips looks like a filter: other rows must confirm the lag.
-    yields = filtered & ~agrees
+    yields = (filtered | (blur > 0)) & ~agrees
     step_std = np.where(yields, np.inf, step_std)
     known, own = np.isfinite(step_std), np.eye(rows.dynamics.dof)
     agrees |= ~known
@@ -140,7 +146,7 @@ def estimate_lags(
         errors = errors + 0.25 * ((freely - steps) ** 2)[:, :, None] * own
         apart = ~unsure[:, :, None] & ~unsure[:, None, :]
         covariance = covariance * apart + errors * unsure[:, :, None] * own
-    return Lags(values, covariance, steps, step_std, agrees, known & ~filtered, p)
+    return Lags(values, covariance, steps, step_std, agrees, known & ~filtered, blur, p)
 
 
 def _swept(

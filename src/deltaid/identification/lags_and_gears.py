@@ -32,7 +32,7 @@ UNKNOWN = 1e-3
 # Length of a recording that is used [s]; more hardly helps.
 _SECONDS = 12.0
 # Repairs of a recording without lags.
-_ON_TIME: dict[str, Any] = {"delay": (), "constants": (), "growth": None}
+_ON_TIME: dict[str, Any] = {"delay": (), "constants": (), "growth": None, "blur": ()}
 # Least number of windows of a recording in which compliances are searched.
 _OF_GEARS = 2
 # Cut-off of these rows as a share of the fit's.
@@ -74,13 +74,16 @@ def _estimated(setup: Setup, traces: Sequence[tuple[PreparedRecording, Trace]]) 
     rows = TraceRows.for_dynamics(setup.dynamics, additions, spread)
     for k, (recording, record) in enumerate(traces):
         timing, unsure = other_than_delays(rows, record, lags.values[k], lags.abrupt[k], lags.p)
-        which, repairs, columns = tuple(np.flatnonzero(unsure).tolist()), _ON_TIME, list[Addition]()
+        repairs, columns = _ON_TIME | {"blur": lags.blurred(k)}, list[Addition]()
+        blur = tuple(np.flatnonzero(lags.blur[k]).tolist())
+        which = tuple(np.flatnonzero(unsure & (lags.blur[k] == 0)).tolist())
         common = (setup.dynamics, additions, lags.p, recording)
         if timing is not None:
-            repairs, columns = _timed(setup, recording, record, timing, additions)
+            parts, columns = _timed(setup, recording, record, timing, additions)
+            repairs |= parts
         elif groups := lags.groups(k):
-            repairs = _ON_TIME | {"delay": delays_of(groups, len(every))}
-            columns.append(LagColumns(*common, groups, several, which))
+            repairs |= {"delay": delays_of(groups, len(every))}
+            columns.append(LagColumns(*common, groups, several, which, blurred=blur))
             doubted = tuple(group for group in groups if set(group.drives) & set(which))
             if doubted and all(group.delay for group in doubted):  # intervals allow for filters
                 columns.append(UnknownFilter(*common, doubted, several))

@@ -97,6 +97,8 @@ def studied(
     if record is None:
         return None
     lags = estimate_lags([record], beside, spread=PRIOR_SPREAD)
+    if blur := lags.blurred(0):  # rows with blurred steps look like friction before slip
+        record = studied_trace(dynamics, recording.repaired(blur=blur), load, seconds) or record
     common, each = lags.common(0), lags.each(0)
     Y, p_robot = record.regressor(beside), lags.p[: len(dynamics.layout.names)]
     explained = np.concatenate([Y, slopes(record, p_robot)[:, :, None]], axis=2)

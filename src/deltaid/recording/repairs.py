@@ -247,6 +247,8 @@ class Repairs:
         constants: time constant of the first-order filter of each drive's torques [s]; empty for
             none.
         growth: growth of delays with time; None if clocks agree.
+        blur: time to either side of reversals over which averages or filters blur the steps of
+            each drive's torques [s]; empty for none.
         left_out: excluded stretches, in addition to the survey's masks.
         gears: compliant gears; None for stiff ones.
         loads: ten parameters of each load, in the order of `Columns.loads`, whose torques are
@@ -261,6 +263,7 @@ class Repairs:
     delay: tuple[float, ...] = ()
     constants: tuple[float, ...] = ()
     growth: LagGrowth | None = None
+    blur: tuple[float, ...] = ()
     left_out: tuple[LeftSpan, ...] = ()
     gears: Gears | None = None
     loads: tuple[tuple[float, ...], ...] = ()
@@ -306,9 +309,15 @@ class Repairs:
         return tuple(np.add(self.delay or 0.0, self.constants).tolist())
 
     def smear(self, rate: float) -> tuple[int, ...]:
-        """Samples to either side over which each torque is interpolated; empty if none is."""
-        smear, spread = self.shift(rate).smear, [hold.spread for hold in self.hold]
-        return tuple(np.add(smear or 0, spread).tolist()) if any(self.hold) else smear
+        """Samples to either side over which each torque is interpolated or its steps are blurred;
+        empty if none is."""
+        parts = (
+            self.shift(rate).smear,
+            tuple(hold.spread for hold in self.hold),
+            tuple(int(np.ceil(blur * rate)) for blur in self.blur),
+        )
+        present = [part for part in parts if any(part)]
+        return tuple(np.sum(present, axis=0).tolist()) if present else ()
 
     def _weighed(self, rows: Rows, columns: Columns) -> Rows:
         """Rows with zero weights in excluded stretches, where sensors are NaN if all drives are
