@@ -30,7 +30,7 @@ _SHARES = np.array([0.001, 0.003, 0.01, 0.03])
 _YIELDS = "its friction builds up over {} after it turns, as seals and gears yield before they slip"
 _FALLS = (
     "its friction seems to fall over {} after it turns, where friction that yields would build up: "
-    "likelier an average or a filter of its torque, of which deltaid has no effect"
+    "likelier an average or a filter of its torque"
 )
 
 

@@ -5,7 +5,8 @@ excludes these rows, so their result enters it as the prior of the lag. The shap
 their least squares are in `torque_steps`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -53,46 +54,66 @@ class ReversalLags(NamedTuple):
     blur: Delay  # time before and after the lag over which steps are blurred; zero if not [s]
 
 
+class _DriveLag(NamedTuple):
+    """The same of one drive."""
+
+    value: float
+    deviation: float = np.inf
+    filtered: bool = False
+    doubtful: bool = False
+    blur: float = 0.0
+
+
 def lags_of_reversals(
     trace: Trace, additions: Sequence[Addition], p: Parameters, known: Delay
 ) -> ReversalLags:
     """The lag of every drive by its reversals; `known` and p are lags [s] and parameters by all
     other rows."""
-    period, still = 1.0 / trace.low_pass.rate, np.zeros(len(known), dtype=bool)
-    none = np.zeros(len(known))
-    lags = ReversalLags(known.copy(), np.full(len(known), np.inf), still, still.copy(), none)
-    far, near = _FAR + period, NEAR + period
-    held = trace.recording.repairs.hold or (False,) * len(known)  # interpolated, so no step is left
     modelled = [_modelled(trace, additions, p, stretch) for stretch in trace.stretches]
-    for i, by_rows in enumerate(known.tolist()):
-        if held[i]:
-            continue
-        # Lags by other rows may be something else, as motors that saturate: no lag is in reach too.
-        middle, reach = 0.5 * by_rows, 0.5 * abs(by_rows) + far
-        rough = located(_about_reversals(trace, modelled, i, middle, reach), middle, reach)
-        about, off, at_once = by_rows if rough is None else rough[0], 0.0, False
-        steps = _about_reversals(trace, modelled, i, about, near)
-        place = None if rough is None else located(steps, about, near)
-        if place is not None:
-            local = locally(steps, sharp(steps.after, place[0]))
-            off = misfit(local, steps, place[0])
-            at_once = off < _SHARP and is_abrupt(local, steps, place[0])
-            at_once = at_once and (off > 0 or not is_rounded(local, steps, place[0], period))
-        if not at_once:
-            wide = _about_reversals(trace, modelled, i, about, near + 0.5 * LONGEST)
-            if (by_blur := blurred(wide, about, period)) is not None:
-                lags.values[i], lags.deviation[i], lags.blur[i] = by_blur
-                continue
-            if place is None:
-                continue
-            place = behind_filter(steps, about, period)
-        if place is None:
-            lags.doubtful[i] = True
-            continue
-        apart = period * max(_APART / np.sqrt(len(steps.jump)), off * at_once)
-        lags.values[i], lags.deviation[i] = place[0], float(np.hypot(place[1], apart))
-        lags.filtered[i] = not at_once
-    return lags
+    held = trace.recording.repairs.hold or (False,) * len(known)  # interpolated, so no step is left
+    lags = [
+        _DriveLag(by_rows)
+        if held[i]
+        else _lag_of(partial(_about_reversals, trace, modelled, i), by_rows, trace.low_pass.rate)
+        for i, by_rows in enumerate(known.tolist())
+    ]
+    return ReversalLags(*(np.array(values) for values in zip(*lags, strict=True)))
+
+
+def _lag_of(steps_about: Callable[[float, float], Steps], by_rows: float, rate: float) -> _DriveLag:
+    """The lag of a drive.
+
+    Args:
+        steps_about: returns samples about the drive's reversals, for a lag and the reach of
+            others [s].
+        by_rows: lag by all other rows [s].
+        rate: samples per second.
+    """
+    period = 1.0 / rate
+    far, near = _FAR + period, NEAR + period
+    # Lags by other rows may be something else, as motors that saturate: no lag is in reach too.
+    middle, reach = 0.5 * by_rows, 0.5 * abs(by_rows) + far
+    rough = located(steps_about(middle, reach), middle, reach)
+    about = by_rows if rough is None else rough[0]
+    steps = steps_about(about, near)
+    found = None if rough is None else located(steps, about, near)
+    apart = period * _APART / np.sqrt(max(len(steps.jump), 1))
+    if found is not None:
+        local = locally(steps, sharp(steps.after, found[0]))
+        off = misfit(local, steps, found[0])
+        at_once = off < _SHARP and is_abrupt(local, steps, found[0])
+        if at_once and (off > 0 or not is_rounded(local, steps, found[0], period)):
+            return _DriveLag(found[0], float(np.hypot(found[1], max(apart, off * period))))
+    by_blur = blurred(steps_about(about, near + 0.5 * LONGEST), about, period)
+    if by_blur is not None:
+        value, deviation, blur = by_blur
+        return _DriveLag(value, deviation, blur=blur)
+    if found is None:
+        return _DriveLag(by_rows)
+    found = behind_filter(steps, about, period)
+    if found is None:
+        return _DriveLag(by_rows, doubtful=True)
+    return _DriveLag(found[0], float(np.hypot(found[1], apart)), filtered=True)
 
 
 def _modelled(
