@@ -111,11 +111,13 @@ def lags_together(monkeypatch: pytest.MonkeyPatch):
         deviation: np.ndarray,
         filtered: tuple[int, ...] = (),
         doubtful: tuple[int, ...] = (),
+        blurred: tuple[int, ...] = (),
         additions: tuple[Addition, ...] = (),
     ) -> Lags:
         def reversal_lags(*_: object) -> ReversalLags:
             flags = (np.isin(np.arange(3), which) for which in (filtered, doubtful))
-            return ReversalLags(values, deviation, *flags, np.zeros(3))
+            blur = 4e-3 * np.isin(np.arange(3), blurred)
+            return ReversalLags(values, deviation, *flags, blur)
 
         monkeypatch.setattr(module, "lags_of_reversals", reversal_lags)
         return estimate_lags([recording()], additions, spread=0.5)
@@ -170,13 +172,14 @@ def beside_any_law(monkeypatch: pytest.MonkeyPatch) -> list[tuple[np.ndarray, ..
     return results
 
 
+@pytest.mark.parametrize("kind", ["filtered", "blurred"])
 def test_a_filter_that_other_rows_contradict_is_as_uncertain_as_both_are_apart(
-    lags_together, others, beside_any_law
+    lags_together, others, beside_any_law, kind: str
 ) -> None:
     """Friction that yields looks like one."""
     rough, covariance = others
     steps, std = np.add(rough, [0.0, 4e-3, 0.0]), np.full(3, 5e-5)
-    lags = lags_together(steps, std, filtered=(1,))
+    lags = lags_together(steps, std, **{kind: (1,)})
     ((values, errors, _),) = beside_any_law
     assert np.isinf(lags.step_std[0, 1])
     assert lags.agrees.all()
@@ -186,8 +189,12 @@ def test_a_filter_that_other_rows_contradict_is_as_uncertain_as_both_are_apart(
     assert lags.values[0, 1] == pytest.approx(mean, rel=1e-12)
     assert lags.covariance[0, 1, 1] == pytest.approx(errors[0, 1, 1] + half**2, rel=1e-12)
     assert lags.covariance[0, 0, 0] < std[0] ** 2
-    agreed = lags_together(rough + 1e-5, std, filtered=(0, 1, 2))
+    assert not lags.blur.any()
+    assert lags.blurred(0) == ()
+    agreed = lags_together(rough + 1e-5, std, **{kind: (0, 1, 2)})
     assert np.all(np.isfinite(agreed.step_std))
+    assert np.all(agreed.abrupt == (kind == "blurred"))
+    assert agreed.blurred(0) == ((4e-3,) * 3 if kind == "blurred" else ())
     assert len(beside_any_law) == 1
 
 

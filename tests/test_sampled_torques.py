@@ -206,3 +206,5 @@ def test_blurred_steps_are_a_lag_and_no_friction(row: str, kind: str, seed: int)
     assert np.mean(judged.curves) > 0.9
     (lag,) = result.model.corrections
     assert "steps at reversals are blurred" in lag.text
+    assert "first-order" not in lag.text
+    assert row == "second-order" or not judged.verdicts

@@ -122,9 +122,10 @@ def estimate_lags(
     steps, step_std, filtered, doubtful, blur = parts
     deviation = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     agrees = np.abs(steps - values) < SURE * np.hypot(step_std, deviation)
-    # Friction that yields before it slips looks like a filter: other rows must confirm the lag.
+    # Friction that yields before it slips looks like a filter or a blur: other rows must confirm
+    # the lag.
     yields = (filtered | (blur > 0)) & ~agrees
-    step_std = np.where(yields, np.inf, step_std)
+    step_std, blur = np.where(yields, np.inf, step_std), np.where(yields, 0.0, blur)
     known, own = np.isfinite(step_std), np.eye(rows.dynamics.dof)
     agrees |= ~known
     if known.any():
