@@ -299,4 +299,5 @@ def test_other_steps_are_not_blurred(shape: Shape) -> None:
         assert blurred(of_drive, 2.5e-3, 1e-3) is None
     none = replace(of_drive, left=np.random.default_rng(0).standard_normal(of_drive.left.shape))
     assert blurred(none, 2.5e-3, 1e-3) is None
+    assert blurred(replace(none, jump=np.zeros(20)), 2.5e-3, 1e-3) is None  # without friction
     assert blurred(Steps(*(values[:3] for values in vars(of_drive).values())), 0.0, 1e-3) is None

@@ -162,18 +162,19 @@ class _Trials:
 
     @classmethod
     def of(cls, steps: Steps, shape: Shape, places: np.ndarray, times: np.ndarray) -> "_Trials":
-        """By the normal equations of α and β."""
-        lags = places[:, None, None, None]
-        parts = shape(steps.after, lags, times[:, None, None]), steps.after
-        s, g = (steps.jump[:, None] * part for part in parts)
-        s, g, r = (x - x.mean(axis=-1, keepdims=True) for x in (s, g, steps.left))
-        ss, sg, sr, gg, gr, rr = (
-            np.einsum("...kn,...kn->...", x, y)
-            for x, y in ((s, s), (s, g), (s, r), (g, g), (g, r), (r, r))
-        )
-        apart = np.maximum(ss * gg - sg**2, NEGLIGIBLE * ss * gg)
-        share, slope = (gg * sr - sg * gr) / apart, (ss * gr - sg * sr) / apart
-        return cls(places, times, rr - share * sr - slope * gr, share, r.size)
+        """By the normal equations of α and β, time after time to save memory."""
+        jump = steps.jump[:, None]
+        g, r = (x - x.mean(axis=1, keepdims=True) for x in (jump * steps.after, steps.left))
+        gg, gr, rr = (float(np.sum(product)) for product in (g * g, g * r, r * r))
+        misses, shares = (np.empty((len(places), len(times))) for _ in range(2))
+        for k, time in enumerate(times.tolist()):
+            s = jump * shape(steps.after, places[:, None, None], time)
+            s -= s.mean(axis=2, keepdims=True)
+            ss, sg, sr = (np.sum(s * x, axis=(1, 2)) for x in (s, g, r))
+            apart = np.maximum(ss * gg - sg**2, NEGLIGIBLE * ss * gg + _TINY)
+            shares[:, k] = (gg * sr - sg * gr) / apart
+            misses[:, k] = rr - shares[:, k] * sr - (ss * gr - sg * sr) / apart * gr
+        return cls(places, times, misses, shares, r.size)
 
     @property
     def best(self) -> tuple[int, int]:
