@@ -147,7 +147,9 @@ def estimate_lags(
         errors = errors + 0.25 * ((freely - steps) ** 2)[:, :, None] * own
         apart = ~unsure[:, :, None] & ~unsure[:, None, :]
         covariance = covariance * apart + errors * unsure[:, :, None] * own
-    return Lags(values, covariance, steps, step_std, agrees, known & ~filtered, blur, p)
+    return Lags(
+        values, covariance, steps, step_std, agrees, known & ~filtered & (blur == 0), blur, p
+    )
 
 
 def _swept(

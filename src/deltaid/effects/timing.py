@@ -43,7 +43,7 @@ Drives = Bool[np.ndarray, " dof"]
 
 
 def other_than_delays(
-    rows: TraceRows, trace: Trace, lags: Delay, abrupt: Drives, p: Parameters
+    rows: TraceRows, trace: Trace, lags: Delay, abrupt: Drives, blurred: Drives, p: Parameters
 ) -> tuple[Timing | None, Drives]:
     """The timing of a recording with filters or a clock, None without these; and the drives whose
     lags may be those of filters or of delays.
@@ -52,13 +52,14 @@ def other_than_delays(
         trace: without any lag corrected.
         lags: of each drive [s].
         abrupt: drives whose steps at reversals passed no filter.
+        blurred: drives whose steps are blurred as by no filter of first order; by a clock they may.
     """
     dof = len(lags)
     about = float(np.concatenate([run.time for run in trace.stretches]).mean())
     none = Timing(lags, np.zeros(dof), 0.0, about, np.zeros((2 * dof + 1,) * 2), p)
     # Sharp steps at the same lag all over a recording exclude another clock.
     clock = 2 * int(np.count_nonzero(abrupt)) < dof and _may_be_clock(rows, trace, none)
-    free = FreeTiming((lags > 1.0 / trace.low_pass.rate) & ~abrupt, clock)
+    free = FreeTiming((lags > 1.0 / trace.low_pass.rate) & ~(abrupt | blurred), clock)
     unsure = np.zeros(dof, bool)
     while free.filters.any() or free.clock:
         start = replace(none, constants=np.where(free.filters, 0.5 * lags, 0.0))

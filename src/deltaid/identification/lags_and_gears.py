@@ -73,14 +73,17 @@ def _estimated(setup: Setup, traces: Sequence[tuple[PreparedRecording, Trace]]) 
     )
     rows = TraceRows.for_dynamics(setup.dynamics, additions, spread)
     for k, (recording, record) in enumerate(traces):
-        timing, unsure = other_than_delays(rows, record, lags.values[k], lags.abrupt[k], lags.p)
+        blurred = lags.blur[k] > 0
+        timing, unsure = other_than_delays(
+            rows, record, lags.values[k], lags.abrupt[k], blurred, lags.p
+        )
         repairs, columns = _ON_TIME | {"blur": lags.blurred(k)}, list[Addition]()
-        blur = tuple(np.flatnonzero(lags.blur[k]).tolist())
-        which = tuple(np.flatnonzero(unsure & (lags.blur[k] == 0)).tolist())
+        which = tuple(np.flatnonzero(unsure).tolist())
+        blur = tuple(np.flatnonzero(blurred).tolist())
         common = (setup.dynamics, additions, lags.p, recording)
         if timing is not None:
             parts, columns = _timed(setup, recording, record, timing, additions)
-            repairs |= parts
+            repairs |= parts | ({"blur": ()} if timing.rate else {})  # the clock has blurred them
         elif groups := lags.groups(k):
             repairs |= {"delay": delays_of(groups, len(every))}
             columns.append(LagColumns(*common, groups, several, which, blurred=blur))
