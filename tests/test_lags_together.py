@@ -102,6 +102,10 @@ def test_a_time_constant_of_a_filter_is_right() -> None:
     )
     assert filters is not None
     np.testing.assert_allclose(filters.constants, 6e-3, rtol=0.05)
+    blurred = timing.other_than_delays(
+        rows, recording(0.0, 6e-3), np.full(3, 6e-3), sharp, ~sharp, p
+    )
+    assert blurred[0] is None
 
 
 @pytest.fixture

@@ -262,7 +262,19 @@ def test_steps_in_averages_are_ramps() -> None:
     np.testing.assert_allclose(found, averaged, atol=2e-3)
 
 
-def blurry(shape: Shape, late: float, time: float, rng: np.random.Generator) -> Steps:
+def test_friction_that_yields_follows_the_distance() -> None:
+    """½ a u² after the lag, whatever the acceleration a."""
+    acceleration, distance = np.array([1.0, 4.0, 9.0]), np.linspace(0.0, 3e-5, 50)
+    after = 2e-3 + np.sqrt(2 * distance / acceleration[:, None])
+    of_drive = Steps(after, np.zeros_like(after), np.ones(3), acceleration)
+    found = yielding(of_drive)(after, 2e-3, 3e-3)
+    passed = 4.0 * (3e-3) ** 2
+    np.testing.assert_allclose(found, np.tile(0.5 - np.exp(-distance / passed), (3, 1)), atol=1e-12)
+
+
+def blurry(
+    shape: Shape, late: float, time: float, rng: np.random.Generator, noise: float = 0.05
+) -> Steps:
     """Steps of a shape in samples of 1 ms, wide about the reversals."""
     after = (np.arange(-24, 25) - rng.uniform(0.0, 1.0, (20, 1))) * 1e-3
     jump, acceleration = rng.choice([-1.0, 1.0], 20), rng.uniform(1.0, 4.0, 20)
@@ -271,7 +283,7 @@ def blurry(shape: Shape, late: float, time: float, rng: np.random.Generator) -> 
     clean = rng.normal(0.0, 5.0, (20, 1)) + jump[:, None] * (
         form(after, late, time) + SLOPE * after
     )
-    return replace(of_drive, left=clean + 0.05 * rng.standard_normal(after.shape))
+    return replace(of_drive, left=clean + noise * rng.standard_normal(after.shape))
 
 
 @pytest.mark.parametrize(
@@ -301,3 +313,10 @@ def test_other_steps_are_not_blurred(shape: Shape) -> None:
     assert blurred(none, 2.5e-3, 1e-3) is None
     assert blurred(replace(none, jump=np.zeros(20)), 2.5e-3, 1e-3) is None  # without friction
     assert blurred(Steps(*(values[:3] for values in vars(of_drive).values())), 0.0, 1e-3) is None
+
+
+def test_noise_alone_makes_no_filter_a_blur() -> None:
+    """Where steps are as small as the noise, shapes differ by chance."""
+    rng = np.random.default_rng(14)
+    drives = [blurry(rounded, 2.5e-3, 2e-3, rng, noise=1.0) for _ in range(40)]
+    assert not any(blurred(of_drive, 2.5e-3, 1e-3) for of_drive in drives)

@@ -140,8 +140,8 @@ _BLURRED: tuple[tuple[Shape, float], ...] = (
 
 
 def yielding(steps: Steps) -> Shape:
-    """Steps of friction that builds up over a distance (Dahl), which it passes in the time at the
-    usual acceleration."""
+    """Steps of friction that builds up over the distance ā T² (Dahl), with the usual acceleration ā
+    at reversals and the time T."""
     pace = np.sqrt(steps.acceleration / np.median(steps.acceleration))[:, None]
 
     def shape(after: Around, place: Times, time: Times) -> Shapes:
