@@ -5,6 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+import deltaid
+from deltaid.model.verdict import Grade
 from deltaid.recording.delay import LagGrowth, Shift, delayed
 from deltaid.recording.hold import Hold, filled, holds
 from deltaid.recording.repairs import Repairs
@@ -208,3 +210,11 @@ def test_blurred_steps_are_a_lag_and_no_friction(row: str, kind: str, seed: int)
     assert "steps at reversals are blurred" in lag.text
     assert "first-order" not in lag.text
     assert row == "second-order" or not judged.verdicts
+
+
+def test_check_takes_averages_for_no_friction() -> None:
+    averaged = case("average-8ms", "linear", 0)
+    verdicts = deltaid.check(averaged.robot, averaged.logs[0])
+    bad = {verdict.key: verdict for verdict in verdicts if verdict.grade is not Grade.GOOD}
+    assert set(bad) == {"torque-lag"}  # "presliding" where rows with blurred steps count
+    assert bad["torque-lag"].number == pytest.approx(4.0, abs=0.1)
