@@ -190,6 +190,8 @@ def test_a_torque_limit_in_another_unit(torque: float, said: bool, tmp_path: Pat
     assert verdict.subject == "drive2" * said
     # ω M_22 / τ with M_22 = 0.458 kg m²
     assert ("10.5 rad/s in 0.032 ms" in verdict.seen) == said
+    limits["drive_limits.drive1.torque"] = 2.0  # the robot would sink, which is worse
+    assert verdict_of(check(changed_file(tmp_path, limits)), "torque-limit").grade is Grade.WRONG
 
 
 @pytest.fixture(scope="module")

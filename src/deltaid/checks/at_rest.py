@@ -51,9 +51,11 @@ def checked_workspace(description: RobotDescription) -> Iterable[Verdict]:
     if np.any(poses.stands):
         if limits:
             held = _held(description, poses, limits)
-            yield _too_large(robot, limits) or held
-            if held.grade is Grade.GOOD:  # else the limit is too low
+            if held.grade is Grade.GOOD:
+                yield _too_large(robot, limits) or held
                 yield from _stuck(description, limits)
+            else:  # the limit is too low
+                yield held
         yield from _wound_up(description, poses, limits)
 
 

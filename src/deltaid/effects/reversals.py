@@ -96,24 +96,24 @@ def _lag_of(steps_about: Callable[[float, float], Steps], by_rows: float, rate: 
     rough = located(steps_about(middle, reach), middle, reach)
     about = by_rows if rough is None else rough[0]
     steps = steps_about(about, near)
-    found = None if rough is None else located(steps, about, near)
+    lag = None if rough is None else located(steps, about, near)
     apart = period * _APART / np.sqrt(max(len(steps.jump), 1))
-    if found is not None:
-        local = locally(steps, sharp(steps.after, found[0]))
-        off = misfit(local, steps, found[0])
-        at_once = off < _SHARP and is_abrupt(local, steps, found[0])
-        if at_once and (off > 0 or not is_rounded(local, steps, found[0], period)):
-            return _DriveLag(found[0], float(np.hypot(found[1], max(apart, off * period))))
+    if lag is not None:
+        local = locally(steps, sharp(steps.after, lag[0]))
+        off = misfit(local, steps, lag[0])
+        at_once = off < _SHARP and is_abrupt(local, steps, lag[0])
+        if at_once and (off > 0 or not is_rounded(local, steps, lag[0], period)):
+            return _DriveLag(lag[0], float(np.hypot(lag[1], max(apart, off * period))))
     by_blur = blurred(steps_about(about, near + 0.5 * LONGEST), about, period)
     if by_blur is not None:
         value, deviation, blur = by_blur
         return _DriveLag(value, deviation, blur=blur)
-    if found is None:
+    if lag is None:
         return _DriveLag(by_rows)
-    found = behind_filter(steps, about, period)
-    if found is None:
+    lag = behind_filter(steps, about, period)
+    if lag is None:
         return _DriveLag(by_rows, doubtful=True)
-    return _DriveLag(found[0], float(np.hypot(found[1], apart)), filtered=True)
+    return _DriveLag(lag[0], float(np.hypot(lag[1], apart)), filtered=True)
 
 
 def _modelled(

@@ -214,11 +214,14 @@ def blurred(steps: Steps, known: float, period: float) -> tuple[float, float, fl
     kinds = [_Trials.of(steps, shape, places, times) for shape, _ in _BLURRED]
     others = [_Trials.of(steps, shape, places, constants) for shape in (rounded, yielding(steps))]
     kind = int(np.argmin([trials.least for trials in kinds]))
-    found = kinds[kind]
-    gain = (min(trials.least for trials in others) - found.least) / (2 * found.variance)
-    if gain < np.log(len(kinds) * found.misses.size) or found.step_shares[found.best] < _SEEN:
+    likeliest = kinds[kind]
+    gain = (min(trials.least for trials in others) - likeliest.least) / (2 * likeliest.variance)
+    if (
+        gain < np.log(len(kinds) * likeliest.misses.size)
+        or likeliest.step_shares[likeliest.best] < _SEEN
+    ):
         return None
-    return *found.lag, _BLURRED[kind][1] * float(times[found.best[1]])
+    return *likeliest.lag, _BLURRED[kind][1] * float(times[likeliest.best[1]])
 
 
 def behind_filter(steps: Steps, known: float, period: float) -> tuple[float, float] | None:
