@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from deltaid.effects.reversals import _lag_of
 from deltaid.effects.torque_steps import (
     Local,
     Shape,
@@ -320,3 +321,18 @@ def test_noise_alone_makes_no_filter_a_blur() -> None:
     rng = np.random.default_rng(14)
     drives = [blurry(rounded, 2.5e-3, 2e-3, rng, noise=1.0) for _ in range(40)]
     assert not any(blurred(of_drive, 2.5e-3, 1e-3) for of_drive in drives)
+
+
+@pytest.mark.parametrize("bump", [0.0, 0.05])
+def test_the_deviation_of_a_sharp_step_counts_instants_and_misfit(bump: float) -> None:
+    """A tenth of a sample in each step, and what samples next to steps miss, as a share of one."""
+    of_drive = steps(np.random.default_rng(15), 1e-3, 0.0, noise=0.002)
+    sign = np.resize([1.0, -1.0], of_drive.after.shape[1])
+    near = np.abs(of_drive.after - 1e-3) < 3 * PERIOD
+    of_drive = replace(of_drive, left=of_drive.left + bump * sign * near * of_drive.jump[:, None])
+    lag = _lag_of(lambda known, reach: of_drive, 1e-3, 1 / PERIOD)
+    place, deviation = located(of_drive, lag.value, 1.5e-3 + PERIOD)
+    off = misfit(locally(of_drive, sharp(of_drive.after, place)), of_drive, place)
+    assert (off > 0.02) == (bump > 0)
+    apart = max(0.1 * PERIOD / np.sqrt(20), off * PERIOD)
+    assert lag == (pytest.approx(place), pytest.approx(np.hypot(deviation, apart)), False, False, 0)
