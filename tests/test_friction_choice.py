@@ -14,8 +14,9 @@ from deltaid.errors import IdentificationError
 from deltaid.identification import fit as fit_module
 from deltaid.identification import identify as identify_module
 from deltaid.identification import stages
+from deltaid.identification.common_constant import missing_offsets
 from deltaid.identification.fit import FittedProblem
-from deltaid.identification.friction_choice import missing_offsets, shared_terms
+from deltaid.identification.friction_choice import shared_terms
 from deltaid.identification.friction_rows import FrictionRows
 from deltaid.identification.identify import Identification, identify
 from deltaid.model.record import Settings

@@ -13,7 +13,7 @@ from deltaid.estimation.drive_rows import ColumnsOfDrives
 
 _WAY, _LOAD = "friction that differs by direction", "friction that grows with the load"
 # Prior standard deviations of friction over speed and by direction, as shares of Coulomb's.
-_CURVE, _ONE_WAY = 0.15, 0.1
+_CURVE, ONE_WAY = 0.15, 0.1
 
 
 class FrictionLaw(DescribedEffect):
@@ -62,7 +62,7 @@ class FrictionOverSpeed(StagedEffect):
         )
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
-        return _CURVE * np.repeat(_coulomb(point, point.joints), len(SHAPES))
+        return _CURVE * np.repeat(coulomb(point, point.joints), len(SHAPES))
 
 
 class FrictionByDirection(StagedEffect):
@@ -75,7 +75,7 @@ class FrictionByDirection(StagedEffect):
         return point.of_joints([(joint, way) for joint in point.driven for way in ways])
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
-        sizes = _ONE_WAY * _coulomb(point, point.driven)
+        sizes = ONE_WAY * coulomb(point, point.driven)
         return np.repeat(sizes, 2) / np.ravel([[1.0, 2 * joint.fastest] for joint in point.driven])
 
 
@@ -96,7 +96,7 @@ class FrictionByLoad(StagedEffect):
         return point.of_joints([(joint, of_load) for joint in (*point.driven, *with_rotors)])
 
 
-def _coulomb(point: TracePoint, joints: Sequence[FrictionJoint]) -> Float[np.ndarray, " joints"]:
+def coulomb(point: TracePoint, joints: Sequence[FrictionJoint]) -> Float[np.ndarray, " joints"]:
     """Coulomb friction of joints, at least as described."""
     described = point.dynamics.robot.friction
     names = [joint.name for joint in joints]

@@ -10,9 +10,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from deltaid.effects.friction import ONE_WAY
 from deltaid.effects.unexplained import FreeTorque
 from deltaid.estimation.information import NOISE_FLOOR
-from deltaid.estimation.scatter import inverse, quantile
+from deltaid.estimation.scatter import NORMAL, inverse, quantile
 from deltaid.identification.fit import CURE, FittedProblem, against_motion, contradiction
 from deltaid.identification.study import ADEQUATE, FAR
 from deltaid.levels import WIDER
@@ -204,6 +205,12 @@ def inseparable(problem: FittedProblem, *, absolute: bool) -> Iterator[Inseparab
             causes=("a constant of friction", "an offset of the measured torque"), subjects=drives
         )
     robot = problem.dynamics.robot
+    unknown = tuple(
+        drive for drive, size in undetected_constants(problem).items()
+        if NORMAL * size > ONE_WAY * robot.friction[drive].coulomb  # so nothing is known of it
+    )  # fmt: skip
+    if unknown:
+        yield Inseparable(causes=("weight", "a constant of friction"), subjects=unknown)
     if robot.telescope is not None and not absolute:
         causes = f"inertia and friction that {robot.drives[-1]} turns", "its torque constant"
         yield Inseparable(causes=causes, is_counted=False)
@@ -221,6 +228,16 @@ def constants(problem: FittedProblem) -> dict[str, float]:
         elif law is not None and not law.both_ways:
             out[drive] = 0.5 * (values[f"coulomb.{drive}"] - values[f"coulomb_back.{drive}"])
     return out
+
+
+def undetected_constants(problem: FittedProblem) -> dict[str, float]:
+    """One standard deviation of a constant torque that a drive's law lacks [N m or N]."""
+    known = problem.layout.names
+    sizes = {
+        drive: float(np.linalg.norm([move.get(f"offset.{drive}", 0.0) for move in problem.moves]))
+        for drive in problem.dynamics.robot.drives if f"offset.{drive}" not in known
+    }  # fmt: skip
+    return {drive: size for drive, size in sizes.items() if size > 0}
 
 
 def ambiguous(problem: FittedProblem) -> dict[str, float]:

@@ -10,13 +10,14 @@
    bounds (`friction_constants`).
 4. Added terms that the refined laws do not need are dropped. There is no second round: it would
    only fit noise.
-5. Where some drives of identical limbs have a constant, the others get an offset if that explains
-   more than chance.
+5. Drives of identical limbs get offsets together where none alone is surprising, for weight of
+   all limbs looks like their mean; where some have a constant, the others get an offset if that
+   explains more than chance.
 
 Chance is the larger of scatter between stretches of time and white noise.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,10 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.problem import Columns, Rows, independent, lengths
 from deltaid.estimation.scatter import NORMAL, surprise
+from deltaid.identification.common_constant import (
+    missing_offsets,
+    undetected_constant,
+)
 from deltaid.identification.friction_constants import (
     SELDOM,
     LawConstants,
@@ -81,7 +86,11 @@ def chosen_friction(setup: Setup, progress: Progress) -> Setup:
     setup = setup.with_robot(robot).reported(_corrections(setup.robot, robot, choice), "friction")
     constants = LawConstants(setup.dynamics)
     added = (constants,) if constants.parameters else ()
-    return setup.changed(friction_choice=choice, additions=(*setup.additions, *added))
+    return setup.changed(
+        friction_choice=choice,
+        additions=(*setup.additions, *added),
+        undetected=undetected_constant(rows, robot),
+    )
 
 
 def _corrections(
@@ -228,7 +237,25 @@ def _extended(rows: FrictionRows, barred: Collection[JointTerm]) -> tuple[list[_
             added.add((best.joint, "offset"))
         candidates = [option for option in candidates if option[0].term not in added]
         search = search.without(best.judged.directions)
-    return steps, first
+    return [*steps, *_common_offsets(search, candidates, steps)], first
+
+
+def _common_offsets(
+    search: _TermSearch, candidates: Iterable[Sequence[Variant]], steps: Sequence[_Step]
+) -> list[_Step]:
+    """Offsets of all drives of identical limbs, if none has a constant and only their sum is beyond
+    chance."""
+    drives = search.rows.dynamics.robot.identical_drives
+    offsets = [
+        variants[0] for variants in candidates
+        if variants[0].kind == "offset" and variants[0].joint.name in drives
+    ]  # fmt: skip
+    if not drives or len(offsets) < len(drives):
+        return []
+    A = np.hstack([search.bare[offset] for offset in offsets])
+    judged = search.rows.judged(A @ independent(A), search.residual, 0)
+    together = [_Step(offset, judged) for offset in offsets]
+    return together if together[0].is_useful else []
 
 
 def _simplest(
@@ -281,18 +308,6 @@ def _with_constants(rows: FrictionRows, kept: Sequence[_Step], refit: Refined) -
     complete = refined(rows, _laws(rows, kept, offsets))
     surprising = surprise_of_more(rows, complete, refit, len(offsets))
     return complete if surprising > _PROBABLE else refit
-
-
-def missing_offsets(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Variant]:
-    """Offsets of drives of identical limbs without a constant, where a chosen law of another has
-    one."""
-    robot = rows.dynamics.robot
-    drives, now = robot.identical_drives, dict(robot.friction) | dict(laws)
-    missing = {drive for drive in drives if drive in now and not now[drive].has_constant}
-    if not set(drives) & laws.keys() - missing:
-        return []
-    offsets = [variants[0] for variants in options(rows) if variants[0].kind == "offset"]
-    return [variant for variant in offsets if variant.joint.name in missing]
 
 
 def _imitated(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step | None:

@@ -20,14 +20,15 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
+from deltaid.effects.friction import ONE_WAY
 from deltaid.effects.joint import joints_of, of_slope, of_term
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.information import triangle
 from deltaid.estimation.objective import pose
 from deltaid.estimation.problem import Rows, lengths
 from deltaid.estimation.reduction import build_reduction, free_coefficients
-from deltaid.estimation.scatter import surprise
-from deltaid.identification.doubts import constants
+from deltaid.estimation.scatter import NORMAL, surprise
+from deltaid.identification.doubts import constants, undetected_constants
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.friction_rows import FORMS, FrictionRows
 from deltaid.identification.uncertainty import uncertainty
@@ -119,7 +120,8 @@ def _refined(rows: FrictionRows, laws: Mapping[str, Friction], usual: Collection
         law, described = current.get(term.joint), rows.dynamics.robot.friction[term.joint]
         if law is not None and getattr(described, term.kind) is None:
             units = {"load": 1.0, "power": term.size}  # about as large as Coulomb's friction
-            size = max(abs(value), _SMALL * units.get(term.kind, law.coulomb))
+            least = ONE_WAY if term.parameter.signed else _SMALL
+            size = max(abs(value), least * units.get(term.kind, law.coulomb))
             prior = {"offset": size} if term.parameter.signed else term.in_law(size)
             current[term.joint] = law.changed(**prior)
     return Refined(current, residual)
@@ -259,6 +261,7 @@ def friction_curves(
     problem = freed(problem)
     robot, curves = problem.dynamics.robot, list[FrictionCurve]()
     tops = dict(zip(robot.drives, fastest.tolist(), strict=True))
+    missed = undetected_constants(problem)
     offsets = constants(problem)  # of friction, which may be those of what was measured
     for joint in robot.friction_joints:
         top = tops.get(joint, robot.platform_speed)
@@ -268,6 +271,7 @@ def friction_curves(
         v = np.concatenate([-v[::-1], v])
         rows = curve_rows(problem, joint, v)
         half = uncertainty(problem, rows).interval + abs(offsets.get(joint, 0.0))
+        half += NORMAL * missed.get(joint, 0.0)
         curves.append(
             FrictionCurve(
                 joint=joint,

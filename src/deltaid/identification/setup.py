@@ -92,6 +92,7 @@ class Setup:
         recordings: each with its filter and its corrections.
         additions: extra columns of the fit.
         corrections: in the order in which they were made.
+        undetected: changes of parameters, by name, by a constant that drives may share.
         barred, barred_effects: friction terms and effects that a fit has put at zero; they are not
             chosen again.
         inspects_every_row: whether every row is inspected for events, not only excerpts.
@@ -107,6 +108,7 @@ class Setup:
     additions: tuple[Addition, ...] = ()
     corrections: tuple[Correction, ...] = ()
     friction_choice: FrictionChoice | None = None
+    undetected: Mapping[str, float] = field(default_factory=dict[str, float])
     barred: frozenset[JointTerm] = frozenset()
     barred_effects: frozenset[str] = frozenset()
     inspects_every_row: bool = False

@@ -1,0 +1,101 @@
+"""Constant torques of drives of identical limbs.
+
+They are friction that differs by direction, or offsets of the measured torques. Their mean looks
+like weight of all limbs, so a recording may neither show nor exclude it. With a column of this mean
+beside all others, its size κ is κ̂ ± s by rows, and 0 ± σ by its prior:
+
+    κ ~ N(ρ κ̂, ρ s²),    ρ = σ² / (σ² + s²),    odds = exp(ρ (κ̂/s)²/2) √(1 − ρ)
+
+for it is as likely as not to be there, or certain where another drive has a constant. Intervals
+count the root of P(κ ≠ 0) E[κ²], and what parameters lose by it.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.special import expit
+
+from deltaid.effects.friction import ONE_WAY, coulomb
+from deltaid.effects.joint import FrictionJoint, of_term, one_way
+from deltaid.estimation.information import active_columns
+from deltaid.estimation.problem import Explanation, Rows, Span
+from deltaid.identification.friction_rows import FrictionRows, Variant, options
+from deltaid.levels import HARDLY, UNLIKELY
+from deltaid.robot.description import RobotDescription
+from deltaid.robot.friction import Friction
+
+
+def missing_offsets(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Variant]:
+    """Offsets of drives of identical limbs without a constant, where a chosen law of another has
+    one."""
+    robot = rows.dynamics.robot
+    drives, now = robot.identical_drives, dict(robot.friction) | dict(laws)
+    missing = {drive for drive in drives if drive in now and not now[drive].has_constant}
+    if not set(drives) & laws.keys() - missing:
+        return []
+    offsets = [variants[0] for variants in options(rows) if variants[0].kind == "offset"]
+    return [variant for variant in offsets if variant.joint.name in missing]
+
+
+def undetected_constant(rows: FrictionRows, robot: RobotDescription) -> dict[str, float]:
+    """Changes of parameters, by name, by one standard deviation of the common constant, with the
+    drives' offsets; empty where it is detected or almost excluded (99 %).
+
+    Args:
+        robot: with the chosen friction laws.
+    """
+    joints = _alike(rows)
+    if all(robot.friction[joint.name].has_constant for joint in joints):
+        return {}
+    described = set(rows.dynamics.robot.friction_terms)
+    terms = [term for term in robot.friction_terms if term not in described]
+    added = rows.columns([(rows.joints[term.joint], of_term(term)) for term in terms])
+    others = Span.of_columns(np.hstack([rows.drive_rows.stack(rows.Y), added, rows.extra]))
+    column = rows.columns([(joint, one_way) for joint in joints]).sum(axis=1)
+    prior = ONE_WAY * float(np.mean(coulomb(rows.points[0], joints)))
+    mean, deviation, probability = _size(rows, others, column, prior)
+    if any(robot.friction[joint.name].has_constant for joint in joints):
+        probability = 1.0
+    if probability < UNLIKELY:
+        return {}
+    size = float(np.sqrt(probability) * np.hypot(mean, deviation))
+    active, response = active_columns(rows.dynamics), -size * others.coefficients(column)
+    p = np.zeros(len(rows.dynamics.layout.names))
+    p[active] = response[: len(active)]
+    moves = rows.dynamics.layout.named(p)
+    moves |= zip((term.name for term in terms), response[len(active) :].tolist(), strict=False)
+    for joint in joints:
+        for name, sign in _constants(robot.friction[joint.name], joint.name).items():
+            moves[name] = moves.get(name, 0.0) + sign * size
+    return moves
+
+
+def _alike(rows: FrictionRows) -> list[FrictionJoint]:
+    """The drives of identical limbs that have friction."""
+    drives = rows.dynamics.robot.identical_drives
+    return [rows.joints[drive] for drive in drives if drive in rows.joints]
+
+
+def _size(
+    rows: FrictionRows, others: Span, column: Rows, prior: float
+) -> tuple[float, float, float]:
+    """Mean and standard deviation of a column's coefficient beside others, and the probability that
+    it is not zero."""
+    beside = others.without(column)
+    length = float(np.linalg.norm(beside))
+    if length <= HARDLY * np.linalg.norm(column):
+        return 0.0, prior, 0.5
+    U, residual = beside[:, None] / length, others.without(rows.tau)
+    shown = Explanation.by_columns(U, residual, rows.drive_rows.groups, others.rank)
+    squared = shown.level / length**2
+    share = prior**2 / (prior**2 + squared)
+    odds = 0.5 * (share * shown.gain / shown.level + np.log1p(-share))
+    mean = share * float(U[:, 0] @ residual) / length
+    return mean, float(np.sqrt(share * squared)), float(expit(odds))
+
+
+def _constants(law: Friction, drive: str) -> dict[str, float]:
+    """The coefficients of a law that a constant changes; its offset, even where it has none."""
+    if law.both_ways:
+        return {f"offset.{drive}": 1.0}
+    return {f"coulomb.{drive}": 1.0, f"coulomb_back.{drive}": -1.0}

@@ -1,0 +1,111 @@
+"""Constant torques that drives of identical limbs share: they look like weight of all limbs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from deltaid.dynamics.dynamics import compiled
+from deltaid.effects.friction import ONE_WAY
+from deltaid.effects.joint import one_way
+from deltaid.estimation.information import active_columns
+from deltaid.estimation.problem import Span
+from deltaid.identification.common_constant import undetected_constant
+from deltaid.identification.friction_choice import choose_friction
+from deltaid.identification.friction_rows import FrictionRows, friction_rows
+from deltaid.recording.recording import open_recordings
+from drives.happening import Happening, Law
+from drives.identify import identified
+from drives.judge import judge
+from drives.robots import machine
+from drives.rows import Case
+from drives.sensors import Sensors
+
+
+def with_constant(kind: str, share: float) -> Case:
+    """A recording of drives whose friction has the same constant, as a share of Coulomb's mean."""
+    m, sensors = machine(kind, 0), Sensors()
+    bias = share * m.coulomb.mean() / m.coulomb
+    h = Happening(m, 14.0, 5, law=Law(m.viscous, m.coulomb, bias=bias))
+    return Case("bias", kind, 0, m, m.robot, (h,), (sensors,), (sensors.recorded(h),))
+
+
+def rows_of(made: Case) -> FrictionRows:
+    dynamics = compiled(made.robot)
+    recordings = open_recordings(list(made.logs), dynamics.kinematics, None, None)
+    return friction_rows(dynamics, recordings)
+
+
+@pytest.fixture(scope="module")
+def delta3() -> FrictionRows:
+    return rows_of(with_constant("delta3", 0.03))
+
+
+@pytest.mark.parametrize(("kind", "share"), [("delta3", 0.12), ("linear", 0.03)])
+def test_intervals_count_a_constant_that_looks_like_weight(kind: str, share: float) -> None:
+    """To linear drives it is weight; others show less of it than errors of positions may be."""
+    made = with_constant(kind, share)
+    result = identified(made)
+    assert not any(law.has_constant for law in result.model.robot.friction.values())
+    assert np.mean(judge(made, result).curves) == 1.0
+    named = [pair.text for pair in result.model.inseparable]
+    assert any("weight from a constant of friction (drive1, drive2" in text for text in named)
+
+
+def test_drives_get_offsets_together_where_none_alone_is_surprising() -> None:
+    made = with_constant("par4", 0.12)
+    result = identified(made)
+    assert all(result.model.robot.friction[drive].has_constant for drive in made.robot.drives)
+    judged = judge(made, result)
+    assert judged.friction < 0.02  # 0.066 without offsets
+    assert np.mean(judged.curves) == 1.0
+
+
+def test_nothing_makes_up_for_the_constant_but_what_the_rows_then_lack(
+    delta3: FrictionRows,
+) -> None:
+    """Moves of parameters with those of offsets leave what no column explains."""
+    robot = delta3.dynamics.robot
+    law = robot.friction["drive1"]
+    laws = dict(robot.friction) | {"drive1": law.changed(offset=0.1)}
+    moves = undetected_constant(delta3, robot.changed(friction=laws))
+    assert min(abs(moves[f"offset.{drive}"]) for drive in robot.drives) > 0
+    active = active_columns(delta3.dynamics)
+    p = np.array([moves[name] for name in delta3.dynamics.layout.names])[active]
+    offsets = delta3.columns([(delta3.joints[drive], one_way) for drive in robot.drives])
+    torque = delta3.drive_rows.stack(delta3.Y) @ p
+    torque += offsets @ [moves[f"offset.{drive}"] for drive in robot.drives]
+    span = delta3.span.with_columns(offsets[:, :1])
+    alone = offsets.sum(axis=1) * moves["offset.drive2"]
+    lags = Span.of_columns(delta3.extra)
+    left = lags.without(np.column_stack([torque, span.without(alone)]))
+    np.testing.assert_allclose(left[:, 0], left[:, 1], atol=1e-9 * np.abs(alone).max())
+
+
+def test_a_constant_by_direction_is_no_offset(delta3: FrictionRows) -> None:
+    robot = delta3.dynamics.robot
+    law = robot.friction["drive1"]
+    changed = law.changed(viscous_back=law.viscous, coulomb_back=law.coulomb)
+    moves = undetected_constant(
+        delta3, robot.changed(friction=dict(robot.friction) | {"drive1": changed})
+    )
+    assert "offset.drive1" not in moves
+    assert moves["coulomb_back.drive1"] < 0 < moves["offset.drive2"]
+
+
+def test_the_recording_excludes_a_constant_beyond_noise(delta3: FrictionRows) -> None:
+    noise = 1e-6 * np.random.default_rng(0).standard_normal(len(delta3.tau))
+    exact = replace(delta3, tau=delta3.tau - delta3.residual + noise)
+    assert undetected_constant(exact, delta3.dynamics.robot) == {}
+
+
+def test_linear_drives_do_not_show_a_common_constant() -> None:
+    linear = rows_of(with_constant("linear", 0.0))
+    moves = undetected_constant(linear, linear.dynamics.robot)
+    usual = ONE_WAY * linear.dynamics.robot.friction["drive1"].coulomb  # more than it is
+    assert moves["offset.drive1"] == pytest.approx(np.sqrt(0.5) * usual)
+
+
+def test_only_sums_beyond_chance_make_offsets(delta3: FrictionRows) -> None:
+    robot, _ = choose_friction(delta3)
+    assert not any(law.has_constant for law in robot.friction.values())
