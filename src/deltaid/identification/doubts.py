@@ -232,12 +232,11 @@ def constants(problem: FittedProblem) -> dict[str, float]:
 
 def undetected_constants(problem: FittedProblem) -> dict[str, float]:
     """One standard deviation of a constant torque that a drive's law lacks [N m or N]."""
-    known = problem.layout.names
-    sizes = {
-        drive: float(np.linalg.norm([move.get(f"offset.{drive}", 0.0) for move in problem.moves]))
-        for drive in problem.dynamics.robot.drives if f"offset.{drive}" not in known
+    offsets = {f"offset.{drive}": drive for drive in problem.dynamics.robot.drives}
+    return {
+        offsets[name]: abs(size) for name, size in problem.undetected.items()
+        if name in offsets and name not in problem.layout.names
     }  # fmt: skip
-    return {drive: size for drive, size in sizes.items() if size > 0}
 
 
 def ambiguous(problem: FittedProblem) -> dict[str, float]:

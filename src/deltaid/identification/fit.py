@@ -1,7 +1,7 @@
 """A fit: posed from recordings, solved, and kept with its evidence for intervals and doubts."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -105,6 +105,7 @@ class FittedProblem:
         additions: fitted with the robot.
         geometry: changes of base parameters by the robot's tolerances; empty at first.
         moves: changes of parameters, by name, by errors of corrected causes.
+        undetected: the same by a constant of friction that its laws lack.
     """
 
     dynamics: Dynamics
@@ -117,11 +118,21 @@ class FittedProblem:
     geometry: Geometry
     additions: tuple[Addition, ...] = ()
     moves: tuple[Mapping[str, float], ...] = ()
+    undetected: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @cached_property
     def estimate(self) -> BaseEstimate:
         """`least_squares` with intervals that include errors of geometry and corrected causes."""
         return replace(self.least_squares, shifts=self.geometry.shifts)
+
+    @property
+    def with_own_friction(self) -> "FittedProblem":
+        """The fit with intervals for the case that its friction laws lack no constant: only then do
+        torques of other parameters agree with those of the recording."""
+        if not self.undetected:
+            return self
+        names, shifts = self.geometry.names[:-1], self.geometry.shifts[:, :-1]
+        return replace(self, undetected={}, geometry=Geometry(names, shifts))
 
     @property
     def information(self) -> Information:
@@ -196,7 +207,8 @@ def with_geometry(problem: FittedProblem, recordings: Sequence[PreparedRecording
     geometric = geometry(
         problem.dynamics, recordings, base, information, problem.values, problem.additions
     )
-    return replace(problem, geometry=geometric.with_causes(base, problem.moves))
+    causes = [*problem.moves, *filter(None, [problem.undetected])]
+    return replace(problem, geometry=geometric.with_causes(base, causes))
 
 
 def settled(

@@ -132,8 +132,8 @@ def identify(
     setup, problem = _fitted(first, progress)
     moves = () if setup.outcome is None else setup.outcome.moves
     moves = (*moves, *_moves_of_laws(setup, robot.friction, problem), *moves_of_scale(problem))
-    moves = (*moves, *filter(None, [setup.undetected]))
-    problem = with_geometry(replace(problem, moves=moves), setup.recordings)
+    problem = replace(problem, moves=moves, undetected=setup.undetected)
+    problem = with_geometry(problem, setup.recordings)
     return _identification(setup, with_widened_prior(problem, setup.recordings), progress)
 
 

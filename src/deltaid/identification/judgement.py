@@ -215,6 +215,7 @@ class _Judge:
 
 
 def posterior_record(problem: FittedProblem) -> PosteriorRecord:
+    problem = problem.with_own_friction
     reduction, base, n = problem.reduction, problem.base, len(problem.p)
     sigma = max(problem.noise, NOISE_FLOOR)
     spread = sigma / float(np.sqrt(problem.information.mean_samples * problem.objective.gamma))

@@ -206,7 +206,8 @@ def with_widened_prior(
 
     def again(load: Parameters | None) -> FittedProblem:
         fitted = posed(problem.dynamics, recordings, problem.settings, problem.additions, load)
-        return widened(with_geometry(replace(fitted, moves=problem.moves), recordings))
+        fitted = replace(fitted, moves=problem.moves, undetected=problem.undetected)
+        return widened(with_geometry(fitted, recordings))
 
     return settled(again, wide.p)[0]
 
