@@ -6,14 +6,21 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.effects.friction import ONE_WAY
-from deltaid.effects.joint import one_way
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.friction import FrictionByDirection
+from deltaid.effects.geometry import Tilt
+from deltaid.effects.joint import BY_DIRECTION, ONE_WAY, one_way
+from deltaid.effects.point import points_of
+from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import Span
-from deltaid.identification.common_constant import undetected_constant
+from deltaid.estimation.traces import trace
+from deltaid.identification.common_constant import of_laws, undetected_constant
+from deltaid.identification.contest import contest
 from deltaid.identification.friction_choice import choose_friction
 from deltaid.identification.friction_rows import FrictionRows, friction_rows
 from deltaid.recording.recording import open_recordings
+from deltaid.robot.load import described
 from drives.happening import Happening, Law
 from drives.identify import identified
 from drives.judge import judge
@@ -82,17 +89,6 @@ def test_nothing_makes_up_for_the_constant_but_what_the_rows_then_lack(
     np.testing.assert_allclose(left[:, 0], left[:, 1], atol=1e-9 * np.abs(alone).max())
 
 
-def test_a_constant_by_direction_is_no_offset(delta3: FrictionRows) -> None:
-    robot = delta3.dynamics.robot
-    law = robot.friction["drive1"]
-    changed = law.changed(viscous_back=law.viscous, coulomb_back=law.coulomb)
-    moves = undetected_constant(
-        delta3, robot.changed(friction=dict(robot.friction) | {"drive1": changed})
-    )
-    assert "offset.drive1" not in moves
-    assert moves["coulomb_back.drive1"] < 0 < moves["offset.drive2"]
-
-
 def test_the_recording_excludes_a_constant_beyond_noise(delta3: FrictionRows) -> None:
     noise = 1e-6 * np.random.default_rng(0).standard_normal(len(delta3.tau))
     exact = replace(delta3, tau=delta3.tau - delta3.residual + noise)
@@ -109,3 +105,38 @@ def test_linear_drives_do_not_show_a_common_constant() -> None:
 def test_only_sums_beyond_chance_make_offsets(delta3: FrictionRows) -> None:
     robot, _ = choose_friction(delta3)
     assert not any(law.has_constant for law in robot.friction.values())
+
+
+def test_the_estimate_of_a_contest_has_the_constants_of_drives() -> None:
+    """Of each drive its own; what an effect changes has them too."""
+    m, sensors = machine("delta3", 0), Sensors()
+    bias = np.array([0.1, -0.1, 0.05])
+    h = Happening(m, 14.0, 5, law=Law(m.viscous, m.coulomb, bias=bias))
+    dynamics = compiled(m.robot)
+    (recording,) = open_recordings([sensors.recorded(h)], dynamics.kinematics, None, None)
+    p = prior_parameters(m.robot)
+    points = points_of([trace(dynamics, recording, p, cutoff=None)], p)
+    rows = TraceRows.for_dynamics(dynamics, (), 1.0)
+    swept = contest(rows, points, (FrictionByDirection(), Tilt()), {})
+    named, true = swept.named(swept.estimate), bias * m.coulomb
+    fitted = np.array([named[f"offset.{drive}"] for drive in m.robot.drives])
+    assert fitted - fitted.mean() == pytest.approx(true - true.mean(), abs=0.1 * true.max())
+    assert [named[name] for name in dynamics.layout.names] == swept.p.tolist()
+    leans = swept.shrunk.follows([swept.group("tilt")])
+    constants = leans[swept.group(BY_DIRECTION).columns[::2]]
+    assert np.abs(constants).max() > 0
+    for move, expected in zip(swept.follows(["tilt"]), constants.T, strict=True):
+        named = swept.named(move)
+        offsets = [named[f"offset.{drive}"] for drive in m.robot.drives]
+        assert offsets == pytest.approx(expected)
+
+
+def test_a_constant_by_direction_is_no_offset() -> None:
+    robot = described("clavel-delta3")
+    law = robot.friction["drive1"]
+    changed = law.changed(viscous_back=law.viscous, coulomb_back=law.coulomb)
+    robot = robot.changed(friction=dict(robot.friction) | {"drive1": changed})
+    moves = {"offset.drive1": 0.3, "coulomb.drive1": 0.1, "offset.drive2": 0.2}
+    assert of_laws(moves, robot) == pytest.approx(
+        {"coulomb.drive1": 0.4, "coulomb_back.drive1": -0.3, "offset.drive2": 0.2}
+    )

@@ -15,7 +15,6 @@ from deltaid.effects.effect import Cause
 from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup
 from deltaid.estimation.causes import CauseColumns
-from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.identification import contest_stage
 from deltaid.identification.contest import Contest
@@ -352,17 +351,17 @@ def test_a_suspect_is_named_and_intervals_count_it(odds: float, weight: float) -
     names, fitted = compiled(robot).layout.names, prior_parameters(robot)
     moved, more = np.zeros((2, len(names)))
     moved[3], more[5] = 0.02, 0.01
-    rows = Mock(spec=TraceRows, dynamics=compiled(robot))
-    last = Mock(spec=Contest, rows=rows, p=fitted)
+    last = Mock(spec=Contest, estimate=fitted)
+    last.named.side_effect = compiled(robot).layout.named
     last.follows.return_value, last.unexplained_torques.return_value = [], None
     shrunk = Mock(spec=Shrunk)
     shrunk.surprise.return_value = 4.0
-    suspect = Mock(spec=Contest, p=fitted + moved, shrunk=shrunk)
+    suspect = Mock(spec=Contest, estimate=fitted + moved, shrunk=shrunk)
     suspect.follows.return_value = [more]
     suspect.odds.return_value, suspect.is_certain.return_value = odds, odds > 0
     full = Mock(spec=Contest)
     full.rivals.return_value = {}
-    other = Mock(spec=Contest, p=fitted)
+    other = Mock(spec=Contest, estimate=fitted)
     other.follows.return_value, other.odds.return_value = [], -np.inf
     other.is_certain.return_value = False
     full.suspects.return_value = {"drive-spring": suspect, "ripple": other}

@@ -202,13 +202,14 @@ def test_a_warning_says_how_much_is_unexplained_and_intervals_count_it_as_a_scal
     model = np.stack([3.0 * np.sin(time), np.sin(2 * time), np.sin(3 * time)])
     torques = 0.1 * model * np.array([[1.0], [2.0], [0.5]])
     point = Mock(spec=TracePoint, model=model, drives=robot.drives)
-    last = Mock(spec=Contest, rows=Mock(dynamics=compiled(robot)), p=p, points=(point,))
+    last = Mock(spec=Contest, estimate=p, points=(point,))
+    last.named.side_effect = compiled(robot).layout.named
     last.unexplained_torques.return_value, last.follows.return_value = torques, []
     prices = {"unexplained its place": 10.0, "unexplained its speed": 20.0, "zero": 30.0}
     groups = [CauseColumns(name, np.arange(1), np.ones(1), np.zeros(1)) for name in prices]
     last.shrunk = Mock(spec=Shrunk, droppable=groups)
     last.shrunk.price.side_effect = lambda group: prices[group.name]
-    full, suspect = Mock(spec=Contest), Mock(spec=Contest, p=1.5 * p)
+    full, suspect = Mock(spec=Contest), Mock(spec=Contest, estimate=1.5 * p)
     full.rivals.return_value, full.suspects.return_value = {}, {"ripple": suspect}
     suspect.follows.return_value, suspect.odds.return_value = [], 100.0
     outcome = doubted(ContestOutcome(robot), full, last)
@@ -267,11 +268,12 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
 ) -> None:
     robot = described("clavel-delta3")
     setup, outcome = Setup(robot, (), Settings()), ContestOutcome(robot)
-    rows, p = Mock(dynamics=compiled(robot)), prior_parameters(robot)
+    p = prior_parameters(robot)
     named, other = (
-        Mock(spec=Contest, rows=rows, p=values, noise=n)
-        for values, n in ((1.1 * p, 0.0), (p, noise))
+        Mock(spec=Contest, estimate=values, noise=n) for values, n in ((1.1 * p, 0.0), (p, noise))
     )
+    for contest in (named, other):
+        contest.named.side_effect = compiled(robot).layout.named
     end, beside = (
         contest_stage._Sweeps(
             setup,

@@ -1,19 +1,26 @@
 """Friction beside viscous and Coulomb's: near rest, at high speed, by direction, by load."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from deltaid.effects.effect import Cause, DescribedEffect
-from deltaid.effects.joint import SHAPES, FrictionJoint, of_load, one_way, one_way_speed, over_speed
+from deltaid.effects.joint import (
+    BY_DIRECTION,
+    ONE_WAY,
+    SHAPES,
+    of_load,
+    one_way,
+    one_way_speed,
+    over_speed,
+)
 from deltaid.effects.point import Deviations, EffectCandidate, RigidFit, StagedEffect, TracePoint
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 
 _WAY, _LOAD = "friction that differs by direction", "friction that grows with the load"
-# Prior standard deviations of friction over speed and by direction, as shares of Coulomb's.
-_CURVE, ONE_WAY = 0.15, 0.1
+# Prior standard deviation of friction over speed, as a share of Coulomb's.
+_CURVE = 0.15
 
 
 class FrictionLaw(DescribedEffect):
@@ -62,20 +69,20 @@ class FrictionOverSpeed(StagedEffect):
         )
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
-        return _CURVE * np.repeat(coulomb(point, point.joints), len(SHAPES))
+        return _CURVE * np.repeat(point.coulomb(point.joints), len(SHAPES))
 
 
 class FrictionByDirection(StagedEffect):
     """Friction of drives that differs by direction: a constant and a part that grows with speed."""
 
-    name = "friction-direction"
+    name = BY_DIRECTION
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         ways = (one_way, one_way_speed)
         return point.of_joints([(joint, way) for joint in point.driven for way in ways])
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:
-        sizes = ONE_WAY * coulomb(point, point.driven)
+        sizes = ONE_WAY * point.coulomb(point.driven)
         return np.repeat(sizes, 2) / np.ravel([[1.0, 2 * joint.fastest] for joint in point.driven])
 
 
@@ -94,11 +101,3 @@ class FrictionByLoad(StagedEffect):
             for name in point.dynamics.layout.names if name in rotors
         ]  # fmt: skip
         return point.of_joints([(joint, of_load) for joint in (*point.driven, *with_rotors)])
-
-
-def coulomb(point: TracePoint, joints: Sequence[FrictionJoint]) -> Float[np.ndarray, " joints"]:
-    """Coulomb friction of joints, at least as described."""
-    described = point.dynamics.robot.friction
-    names = [joint.name for joint in joints]
-    sizes = [max(abs(point.size(f"coulomb.{name}")), described[name].coulomb) for name in names]
-    return np.array(sizes, dtype=float)

@@ -32,6 +32,10 @@ SHAPES: tuple[tuple[Callable[[Speeds], Speeds], str], ...] = (
     (np.sqrt, _FLAT),
 )
 
+# Name of the effect of friction by direction: for each drive a constant and a share of its speed.
+BY_DIRECTION = "friction-direction"
+# Usual size of a constant of friction by direction, as a share of Coulomb's (standard deviation).
+ONE_WAY = 0.1
 # Entries of a joint's column by |v|, entries of its Coulomb friction, and the torque of its gear.
 Shape = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 

@@ -131,6 +131,12 @@ class TracePoint:
     def size(self, name: str) -> float:
         return float(self.p[self.dynamics.layout.names.index(name)])
 
+    def coulomb(self, joints: Sequence[FrictionJoint]) -> Float[np.ndarray, " joints"]:
+        """Coulomb friction of joints, at least as described."""
+        described, names = self.dynamics.robot.friction, [joint.name for joint in joints]
+        sizes = [max(abs(self.size(f"coulomb.{name}")), described[name].coulomb) for name in names]
+        return np.array(sizes, dtype=float)
+
     def weighted(self, slopes: Sequence[np.ndarray]) -> ColumnsOfDrives:
         """Slopes as columns, times the weights of the samples."""
         weights = self.motion.weights.T

@@ -15,8 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import expit
 
-from deltaid.effects.friction import ONE_WAY, coulomb
-from deltaid.effects.joint import FrictionJoint, of_term, one_way
+from deltaid.effects.joint import ONE_WAY, FrictionJoint, of_term, one_way
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.problem import Explanation, Rows, Span
 from deltaid.identification.friction_rows import FrictionRows, Variant, options
@@ -52,7 +51,7 @@ def undetected_constant(rows: FrictionRows, robot: RobotDescription) -> dict[str
     added = rows.columns([(rows.joints[term.joint], of_term(term)) for term in terms])
     others = Span.of_columns(np.hstack([rows.drive_rows.stack(rows.Y), added, rows.extra]))
     column = rows.columns([(joint, one_way) for joint in joints]).sum(axis=1)
-    prior = ONE_WAY * float(np.mean(coulomb(rows.points[0], joints)))
+    prior = ONE_WAY * float(np.mean(rows.points[0].coulomb(joints)))
     mean, deviation, probability = _size(rows, others, column, prior)
     if any(robot.friction[joint.name].has_constant for joint in joints):
         probability = 1.0
@@ -65,9 +64,21 @@ def undetected_constant(rows: FrictionRows, robot: RobotDescription) -> dict[str
     moves = rows.dynamics.layout.named(p)
     moves |= zip((term.name for term in terms), response[len(active) :].tolist(), strict=False)
     for joint in joints:
-        for name, sign in _constants(robot.friction[joint.name], joint.name).items():
-            moves[name] = moves.get(name, 0.0) + sign * size
+        offset = f"offset.{joint.name}"
+        moves[offset] = moves.get(offset, 0.0) + size
     return moves
+
+
+def of_laws(moves: Mapping[str, float], robot: RobotDescription) -> dict[str, float]:
+    """Changes of parameters with those of offsets as the robot's laws have them: by direction where
+    each direction has its own friction."""
+    changed = dict(moves)
+    for drive, law in robot.friction.items():
+        if not law.both_ways:
+            constant = changed.pop(f"offset.{drive}", 0.0)
+            for name, sign in (f"coulomb.{drive}", 1.0), (f"coulomb_back.{drive}", -1.0):
+                changed[name] = changed.get(name, 0.0) + sign * constant
+    return changed
 
 
 def _alike(rows: FrictionRows) -> list[FrictionJoint]:
@@ -92,10 +103,3 @@ def _size(
     odds = 0.5 * (share * shown.gain / shown.level + np.log1p(-share))
     mean = share * float(U[:, 0] @ residual) / length
     return mean, float(np.sqrt(share * squared)), float(expit(odds))
-
-
-def _constants(law: Friction, drive: str) -> dict[str, float]:
-    """The coefficients of a law that a constant changes; its offset, even where it has none."""
-    if law.both_ways:
-        return {f"offset.{drive}": 1.0}
-    return {f"coulomb.{drive}": 1.0, f"coulomb_back.{drive}": -1.0}

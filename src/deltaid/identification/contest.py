@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
@@ -17,6 +17,7 @@ from deltaid.effects.account import DETECTED
 from deltaid.effects.at_drives import RippleColumns
 from deltaid.effects.at_platform import LIKE_CABLES, AnisotropicSpring, Cable
 from deltaid.effects.cable_search import largest_cable
+from deltaid.effects.joint import BY_DIRECTION
 from deltaid.effects.point import Added, Deviations, TracePoint, UnknownEffect
 from deltaid.effects.ripple_search import (
     OrdersOfDrives,
@@ -64,6 +65,27 @@ class Contest:
     def p(self) -> Parameters:
         """Parameters of the robot alone."""
         return self.rows.parameters(self.shrunk.x)[: len(self.rows.dynamics.layout.names)]
+
+    @property
+    def estimate(self) -> Float[np.ndarray, " estimates"]:
+        """p, and the constants of the drives' friction behind it."""
+        return np.append(self.p, self.shrunk.x[self._constants])
+
+    @property
+    def _constants(self) -> Int[np.ndarray, " drives"]:
+        """Columns of a constant for each moving drive, as they are in the friction by direction."""
+        columns = [g.columns for g in self.shrunk.groups if g.name == BY_DIRECTION]
+        return np.concatenate([np.zeros(0, dtype=int), *columns])[::2]
+
+    def named(self, change: Float[np.ndarray, " estimates"]) -> dict[str, float]:
+        """A change of the estimate, by name; constants as those of offsets."""
+        layout = self.rows.dynamics.layout
+        moves = layout.named(change[: len(layout.names)])
+        constants = change[len(layout.names) :].tolist()
+        for joint, constant in zip(self.points[0].driven, constants, strict=True):
+            offset = f"offset.{joint.name}"
+            moves[offset] = moves.get(offset, 0.0) + constant
+        return moves
 
     def group(self, name: str) -> CauseColumns:
         return next(group for group in self.shrunk.groups if group.name == name)
@@ -193,13 +215,14 @@ class Contest:
         is_large = self.shrunk.size(group) > POSITION_ERROR
         return bool(is_large and min(self.odds(without), by_chance) > CERTAIN_ODDS)
 
-    def follows(self, names: Collection[str]) -> list[Parameters]:
-        """Changes of the robot's parameters by one standard deviation of each independent error of
-        some effects."""
+    def follows(self, names: Collection[str]) -> list[Float[np.ndarray, " estimates"]]:
+        """Changes of the estimate by one standard deviation of each independent error of some
+        effects."""
         groups = [group for group in self.shrunk.groups if group.name in names]
-        count = len(self.rows.dynamics.layout.names)
+        count, constants = len(self.rows.dynamics.layout.names), self._constants
         moves = self.shrunk.follows(groups).T
-        return [(self.rows.reduction.A @ move[: self.rows.size])[:count] for move in moves]
+        own = [(self.rows.reduction.A @ move[: self.rows.size])[:count] for move in moves]
+        return [np.append(p, move[constants]) for p, move in zip(own, moves, strict=True)]
 
 
 def start(rows: TraceRows, traces: Sequence[Trace]) -> Parameters:

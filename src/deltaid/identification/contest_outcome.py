@@ -93,17 +93,18 @@ def doubted(outcome: ContestOutcome, full: Contest, last: Contest) -> ContestOut
     uncertainty, times the root of its probability beside the kept effects. Its prior odds are
     1 : n, for hardly more than one of them acts.
     """
-    layout, rivals = last.rows.dynamics.layout, full.rivals(last)
+    rivals = full.rivals(last)
     suspects, torques = full.suspects(last), last.unexplained_torques()
     exact = (*outcome.kept, *outcome.values)
     held = [u.name for u in UNKNOWNS if u.name in exact and not u.is_fitted]
-    moves = [*last.follows(held), *(rival.p - last.p for rival in rivals.values())]
+    moves = [*last.follows(held), *(rival.estimate - last.estimate for rival in rivals.values())]
     for name, suspect in suspects.items():
         weight = np.sqrt(expit(suspect.odds(last) - np.log(len(suspects))))
-        moves += [weight * (suspect.p - last.p), *(weight * m for m in suspect.follows([name]))]
+        move = suspect.estimate - last.estimate
+        moves += [weight * move, *(weight * m for m in suspect.follows([name]))]
     if torques is not None:  # they may be in proportion to the robot's torques
         doubt = _unexplained(last, torques)  # suspects may be a part of these
-        moves.append(float(shares_of_torque(last.points[0], torques).max()) * last.p)
+        moves.append(float(shares_of_torque(last.points[0], torques).max()) * last.estimate)
     else:
         surprises = {
             name: suspect.shrunk.surprise(suspect.group(name))
@@ -112,7 +113,7 @@ def doubted(outcome: ContestOutcome, full: Contest, last: Contest) -> ContestOut
         doubt = _suspicion(surprises)
     return replace(
         outcome,
-        moves=tuple(layout.named(move) for move in moves),
+        moves=tuple(last.named(move) for move in moves),
         inseparable=tuple(
             Inseparable(causes=(cause_in_words(cause), cause_in_words(other)))
             for cause, other in rivals

@@ -72,7 +72,7 @@ class _Sweeps:
 
     def counting(self, other: "_Sweeps") -> "_Sweeps":
         """The same with intervals that include the change of parameters by another end."""
-        move = self.last.rows.dynamics.layout.named(other.last.p - self.last.p)
+        move = self.last.named(other.last.estimate - self.last.estimate)
         outcome = replace(self.outcome, moves=(*self.outcome.moves, move))
         setup = self.setup.changed(outcome=self.setup.outcome and outcome)
         return replace(self, setup=setup, outcome=outcome)

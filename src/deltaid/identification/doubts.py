@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from deltaid.effects.friction import ONE_WAY
+from deltaid.effects.joint import ONE_WAY
 from deltaid.effects.unexplained import FreeTorque
 from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.scatter import NORMAL, inverse, quantile
@@ -232,11 +232,12 @@ def constants(problem: FittedProblem) -> dict[str, float]:
 
 def undetected_constants(problem: FittedProblem) -> dict[str, float]:
     """One standard deviation of a constant torque that a drive's law lacks [N m or N]."""
-    offsets = {f"offset.{drive}": drive for drive in problem.dynamics.robot.drives}
-    return {
-        offsets[name]: abs(size) for name, size in problem.undetected.items()
-        if name in offsets and name not in problem.layout.names
+    known, moves = problem.layout.names, [*problem.moves, problem.undetected]
+    sizes = {
+        drive: float(np.linalg.norm([move.get(f"offset.{drive}", 0.0) for move in moves]))
+        for drive in problem.dynamics.robot.drives if f"offset.{drive}" not in known
     }  # fmt: skip
+    return {drive: size for drive, size in sizes.items() if size > 0}
 
 
 def ambiguous(problem: FittedProblem) -> dict[str, float]:

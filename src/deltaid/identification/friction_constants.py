@@ -20,8 +20,7 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from deltaid.effects.friction import ONE_WAY
-from deltaid.effects.joint import joints_of, of_slope, of_term
+from deltaid.effects.joint import ONE_WAY, joints_of, of_slope, of_term
 from deltaid.estimation.additions import Addition, Own, Values
 from deltaid.estimation.information import triangle
 from deltaid.estimation.objective import pose

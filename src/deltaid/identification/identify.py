@@ -14,6 +14,7 @@ from deltaid.errors import UnsettledFrictionError
 from deltaid.estimation.additions import split_by_addition
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.assembly import assembled
+from deltaid.identification.common_constant import of_laws
 from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
 from deltaid.identification.friction_choice import chosen_friction
@@ -132,7 +133,8 @@ def identify(
     setup, problem = _fitted(first, progress)
     moves = () if setup.outcome is None else setup.outcome.moves
     moves = (*moves, *_moves_of_laws(setup, robot.friction, problem), *moves_of_scale(problem))
-    problem = replace(problem, moves=moves, undetected=setup.undetected)
+    *moves, undetected = (of_laws(move, setup.robot) for move in (*moves, setup.undetected))
+    problem = replace(problem, moves=tuple(moves), undetected=undetected)
     problem = with_geometry(problem, setup.recordings)
     return _identification(setup, with_widened_prior(problem, setup.recordings), progress)
 
