@@ -183,7 +183,11 @@ def test_where_data_decides_models_spread_as_the_intervals(
 
 
 def test_the_record_has_the_deviations_of_the_intervals(judged: Judged) -> None:
-    problem = judged.problem
+    """But for a constant of friction that its laws lack: models with its weight would need it."""
+    problem = judged.problem.with_own_friction
+    assert np.all(problem.estimate.interval <= judged.problem.estimate.interval)
+    weight = problem.estimate.interval < 0.9 * judged.problem.estimate.interval
+    assert any("mc" in formula for formula in np.array(problem.base.formulas)[weight])
     V = base_covariance(problem)
     half = stats.norm.ppf(0.975) * np.sqrt(np.diag(V))
     np.testing.assert_allclose(half, problem.estimate.interval, rtol=5e-3)
@@ -191,6 +195,7 @@ def test_the_record_has_the_deviations_of_the_intervals(judged: Judged) -> None:
     np.testing.assert_allclose(record.root @ record.root.T, V, rtol=1e-3)
     K = problem.base.combination()
     np.testing.assert_allclose(record.combination(judged.model.layout.names), K, atol=1e-7)
+    assert problem.with_own_friction is problem
 
 
 def test_limbs_scatter_about_what_they_share(model: IdentifiedModel, monkeypatch) -> None:
