@@ -82,7 +82,7 @@ class Contest:
         layout = self.rows.dynamics.layout
         moves = layout.named(change[: len(layout.names)])
         constants = change[len(layout.names) :].tolist()
-        for joint, constant in zip(self.points[0].driven, constants, strict=True):
+        for joint, constant in zip(self.points[0].driven, constants, strict=False):
             offset = f"offset.{joint.name}"
             moves[offset] = moves.get(offset, 0.0) + constant
         return moves
