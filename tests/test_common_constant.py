@@ -100,6 +100,10 @@ def test_linear_drives_do_not_show_a_common_constant() -> None:
     moves = undetected_constant(linear, linear.dynamics.robot)
     usual = ONE_WAY * linear.dynamics.robot.friction["drive1"].coulomb  # more than it is
     assert moves["offset.drive1"] == pytest.approx(np.sqrt(0.5) * usual)
+    robot = linear.dynamics.robot
+    odd = {"drive2": robot.friction["drive2"].changed(offset=1.0)}
+    moves = undetected_constant(linear, robot.changed(friction=dict(robot.friction) | odd))
+    assert moves["offset.drive1"] == pytest.approx(usual)  # one drive has a constant, so others may
 
 
 def test_only_sums_beyond_chance_make_offsets(delta3: FrictionRows) -> None:
@@ -140,3 +144,11 @@ def test_a_constant_by_direction_is_no_offset() -> None:
     assert of_laws(moves, robot) == pytest.approx(
         {"coulomb.drive1": 0.4, "coulomb_back.drive1": -0.3, "offset.drive2": 0.2}
     )
+
+
+def test_offsets_that_no_row_shows_are_not_chosen(delta3: FrictionRows) -> None:
+    """A motion may be too poor for any; here all that offsets do is a column already."""
+    offsets = delta3.columns([(joint, one_way) for joint in delta3.joints.values()])
+    poor = replace(delta3, span=delta3.span.with_columns(offsets))
+    robot, _ = choose_friction(poor)
+    assert not any(law.has_constant for law in robot.friction.values())

@@ -67,8 +67,9 @@ def write_recording(counts: np.ndarray, tau: np.ndarray, path: Path) -> None:
 
 def fitted(name: str, recording: Path) -> dict[str, np.ndarray]:
     """What identification makes of a recording."""
-    # Of that time, nothing was excluded, and no causes were weighed.
-    keep = deltaid.Settings(keep_all=True, effects="none")
+    # Of that time, nothing was excluded, no causes were weighed, and intervals counted no constant
+    # of friction that laws lack.
+    keep = deltaid.Settings(keep_all=True, effects="none", friction="described")
     exact = {"lengths": 0.0, "homing": 0.0, "mounting": 0.0}  # nor had geometry tolerances
     robot = deltaid.load_robot(name).changed(tolerances=exact)
     result = deltaid.identify(robot, [recording], settings=keep)

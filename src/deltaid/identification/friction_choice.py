@@ -28,10 +28,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.problem import Columns, Rows, independent, lengths
 from deltaid.estimation.scatter import NORMAL, surprise
-from deltaid.identification.common_constant import (
-    missing_offsets,
-    undetected_constant,
-)
+from deltaid.identification.common_constant import missing_offsets, undetected_constant
 from deltaid.identification.friction_constants import (
     SELDOM,
     LawConstants,
@@ -253,7 +250,10 @@ def _common_offsets(
     if not drives or len(offsets) < len(drives):
         return []
     A = np.hstack([search.bare[offset] for offset in offsets])
-    judged = search.rows.judged(A @ independent(A), search.residual, 0)
+    U = A @ independent(A)
+    if not U.shape[1]:
+        return []
+    judged = search.rows.judged(U, search.residual, 0)
     together = [_Step(offset, judged) for offset in offsets]
     return together if together[0].is_useful else []
 

@@ -7,7 +7,7 @@ An undeclared load that comes and goes is identified as if declared, at the time
 detects. So all of the recording determines the robot without it; a verdict reports the load.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +27,7 @@ from deltaid.identification.events import with_events, without_events
 from deltaid.identification.gathering import gather_all
 from deltaid.identification.lags_and_gears import estimated_anew
 from deltaid.identification.setup import Progress, Setup
+from deltaid.identification.sources import model_filtered
 from deltaid.identification.study import (
     ADEQUATE,
     LOAD_CHANGE,
@@ -37,8 +38,9 @@ from deltaid.identification.study import (
 from deltaid.model.model import Model
 from deltaid.model.parameter_record import HeldLoad, Parameter
 from deltaid.recording.carried import Load
+from deltaid.recording.log import Log
 from deltaid.recording.masks.masks import LOAD_CHANGES, joined_times
-from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.recording import PreparedRecording, with_filter
 from deltaid.recording.repairs import LeftSpan
 
 # Longest recording that is searched for a load's times [s]: its rows are held in memory.
@@ -132,12 +134,22 @@ def known_load(columns: LoadColumns, model: Model, where: str) -> Ten:
     return known.get(name, columns.prior)
 
 
-def as_known(recording: PreparedRecording, model: Model) -> PreparedRecording:
-    """A recording with the torques of its loads subtracted, by a model or as declared.
+def as_identified(
+    model: Model,
+    log: Log,
+    filtered: Callable[[Log, float | None], PreparedRecording] = with_filter,
+) -> PreparedRecording:
+    """A log filtered and corrected like the recordings that a model comes from, without the torques
+    of its loads.
+
+    Args:
+        filtered: gives the log its filter, with a cut-off or its own.
 
     Raises:
-        RecordingError: neither gives a load's parameters.
+        RecordingError: the log cannot be filtered, or neither it nor the model gives a load's
+            parameters.
     """
+    recording = model_filtered(model, log, filtered)
     loads, none = recording.log.columns.loads, np.zeros(10)
     columns = [LoadColumns(model.dynamics, load, model.prior_spread, none) for load in loads]
     where = str(recording.path)

@@ -13,8 +13,8 @@ from jaxtyping import Float
 
 from deltaid.errors import Doubt
 from deltaid.files import write_csv
-from deltaid.identification.loads import as_known
-from deltaid.identification.sources import model_filtered, repeated
+from deltaid.identification.loads import as_identified
+from deltaid.identification.sources import repeated
 from deltaid.identification.study import FAR
 from deltaid.identification.torque_error import TorqueError, predicted_torques, torque_error
 from deltaid.model.model import Model, ModelLike, load
@@ -119,7 +119,7 @@ def validate(
     model = load(model)
     mapping, dynamics = as_mapping(columns), model.dynamics
     surveyed = open_log(log, dynamics.kinematics, mapping, keep_all=keep_all)
-    recording = as_known(model_filtered(model, surveyed), model)
+    recording = as_identified(model, surveyed)
     return Validation(torque_error(dynamics, model.p, recording), recording.log, model)
 
 
@@ -297,7 +297,7 @@ def torque(
         source = as_source(motion)
         say(f"checking {source}")
         log = open_log(source, known.dynamics.kinematics, as_mapping(columns), need_torque=False)
-        recording = as_known(model_filtered(known, log, partial(planned, periodic=periodic)), known)
+        recording = as_identified(known, log, partial(planned, periodic=periodic))
     warnings = [f"{source}: {text}" for text in recording.log.warnings]
     warnings += unknown_ends(recording, "torque", _CURE)
     warnings += smoothed_away(recording, known.dynamics.kinematics)

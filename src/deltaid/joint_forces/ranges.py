@@ -30,8 +30,7 @@ from deltaid.estimation.scatter import NORMAL, half_width
 from deltaid.identification.gathering import gather_balanced
 from deltaid.identification.geometric_rows import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
-from deltaid.identification.loads import as_known
-from deltaid.identification.sources import model_filtered
+from deltaid.identification.loads import as_identified
 from deltaid.joint_forces.unknowns import ConsistentBall, ForceUnknowns, unknowns
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.recording.mapping import ColumnMappings
@@ -138,7 +137,7 @@ def evidence(
                 cure="give those that the model names, unchanged: "
                 + ", ".join(source.log for source in known.sources),
             )
-    recordings = [as_known(model_filtered(model, recording.log), model) for recording in recordings]
+    recordings = [as_identified(model, recording.log) for recording in recordings]
     predicted_by = model.p if model.robot.load_drives else None
     gathered = gather_balanced(dynamics, recordings, load=predicted_by, progress=progress)
     information = gathered.information

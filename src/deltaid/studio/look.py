@@ -16,8 +16,7 @@ from jaxtyping import Float
 from deltaid.checks.evidence import evidence
 from deltaid.checks.verdicts import mapping_text
 from deltaid.dynamics.dynamics import compiled
-from deltaid.identification.loads import as_known
-from deltaid.identification.sources import model_filtered
+from deltaid.identification.loads import as_identified
 from deltaid.identification.torque_error import torque_error
 from deltaid.model.model import load
 from deltaid.recording.columns import Channel
@@ -209,7 +208,7 @@ def _compared(
 ) -> tuple[TorqueComparison, Float[np.ndarray, " drives"]]:
     model = load(name)
     log = open_log(path, model.dynamics.kinematics, load_mapping(mapping) if mapping else None)
-    recording = as_known(model_filtered(model, log), model)
+    recording = as_identified(model, log)
     nrmse = torque_error(model.dynamics, model.p, recording).nrmse
     return compare(model.dynamics, model.p, recording), nrmse
 

@@ -8,8 +8,9 @@ import plotly.graph_objects as go
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.identification.identify import Identification
+from deltaid.identification.loads import as_identified
 from deltaid.identification.prediction import Validation
-from deltaid.identification.sources import left_out, model_filtered
+from deltaid.identification.sources import left_out
 from deltaid.identification.torque_error import TorqueError
 from deltaid.model.model import Model, load
 from deltaid.model.record import IdentifiedModel
@@ -47,7 +48,8 @@ def identification_page(result: Identification, verification: Validation | None 
     log, error, main, verified = None, None, comparisons[0], ""
     if verification is not None:
         error, log = verification
-        main, verified = compare(dynamics, model.p, model_filtered(model, log)), log.path.name
+        main = compare(dynamics, model.p, as_identified(load(model), log))
+        verified = log.path.name
         warnings += [f"{verified}: {text}" for text in verification.remarks]
     titles = [f"Torques: {x.path.name}" for x in recordings] if recordings[1:] else ["Torques"]
     shown = [
@@ -130,7 +132,7 @@ def _facts(
 def validation_page(value: Validation) -> Page:
     """The page of `deltaid validate`: a model's errors on a recording, and its origin."""
     model, (error, log) = value.model, value
-    dynamics, known, recording = model.dynamics, model.identified, model_filtered(model, log)
+    dynamics, known, recording = model.dynamics, model.identified, as_identified(model, log)
     comparison = compare(dynamics, model.p, recording)
     base = model_tables.base_table(known.base_parameters if known else ())
     missing = corrections.left_out_table(
@@ -210,7 +212,7 @@ def identification_figure(value: Identification) -> go.Figure:
 
 
 def validation_figure(value: Validation) -> go.Figure:
-    return _torques(value.model, model_filtered(value.model, value.log))
+    return _torques(value.model, as_identified(value.model, value.log))
 
 
 def _torques(model: Model, recording: PreparedRecording) -> go.Figure:
