@@ -91,9 +91,9 @@ def reading(value: float, unit: str = "") -> str:
     return f"{round(value, digits) + 0.0:.{digits}f} {unit}".rstrip()
 
 
-def part(name: str) -> Markup:
-    """Content of a file of this room, such as the style of pages."""
-    return Markup(files("deltaid.view").joinpath(name).read_text(encoding="utf-8"))
+def part(name: str, room: str = "view") -> Markup:
+    """Content of a file of a room, such as the style of pages."""
+    return Markup(files("deltaid").joinpath(room, name).read_text(encoding="utf-8"))
 
 
 def _figure_json(block: Figure) -> Markup:

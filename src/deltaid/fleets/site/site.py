@@ -4,7 +4,6 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from importlib.resources import files
 from pathlib import PurePosixPath
 from urllib.parse import quote
 
@@ -50,10 +49,8 @@ def _pages(tables: Tables, title: str) -> Iterable[tuple[str, str]]:
     pages, of_types = file_names(robot.name for robot in robots), file_names(kinds)
     links = {name: quote(f"{ROBOTS}/{file}") for name, file in pages.items()}
     types = {kind: quote(f"{TYPES}/{file}") for kind, file in of_types.items()}
-    own = files("deltaid.fleets.site")
     yield from ((name, part(name)) for name in ("page.css", "page.js"))
-    for name in ("site.css", "site.js"):
-        yield name, own.joinpath(name).read_text(encoding="utf-8")
+    yield from ((name, part(name, "fleets/site")) for name in ("site.css", "site.js"))
     yield "plotly.js", get_plotlyjs()
     yield "index.html", _rendered(overview(tables, robots, title, links, types, labels))
     home = (title, f"{_UP}index.html")

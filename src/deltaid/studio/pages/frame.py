@@ -1,7 +1,6 @@
 """The frame of all stages: header, stepper, content that follows the folder, files."""
 
 from functools import partial
-from importlib import resources
 
 from nicegui import app, ui
 from nicegui.client import Client
@@ -9,6 +8,7 @@ from starlette.responses import FileResponse, PlainTextResponse, RedirectRespons
 
 from deltaid.studio.pages import check, fit, parts, recording, result, robot, use
 from deltaid.studio.session import STAGES, Session, stage_states
+from deltaid.view.html import part
 from deltaid.view.own_page import POLL
 
 _TITLES = {
@@ -60,12 +60,8 @@ def build(session: Session) -> None:
 
 
 def _stage(session: Session, stage: str, client: Client) -> None:
-    files = resources.files("deltaid.studio.pages")
-    style, script = (
-        (files / name).read_text(encoding="utf-8") for name in ("studio.css", "studio.js")
-    )
-    ui.add_css(style)
-    ui.add_body_html(f"<script>{script}</script>")
+    ui.add_css(part("studio.css", "studio/pages"))
+    ui.add_body_html(f"<script>{part('studio.js', 'studio/pages')}</script>")
     ui.colors(primary="#1f5fa8", positive="#2c7a4b", negative="#b3261e", warning="#8a6100")
     _header(session)
     nav = ui.refreshable(lambda: _stepper(session, stage))
