@@ -22,7 +22,7 @@ from deltaid.online.settings import MOST_STALE, OnlineSettings
 from deltaid.recording.carried import Load
 from deltaid.recording.log import Log
 from deltaid.recording.mapping import ColumnMapping
-from deltaid.recording.masks.masks import Mask, Reason, joined_times, kept_shares
+from deltaid.recording.masks.masks import Mask, Reason, joined_times, kept_shares, within
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.opening import open_log
 from deltaid.recording.source import BATCH_ROWS
@@ -135,9 +135,7 @@ class Replay:
     ) -> Bool[np.ndarray, " samples"]:
         around = 0.5 / self.log.rate
         spans = np.array([(mask.start - around, mask.end + around) for mask in masks])
-        if not masks:
-            return np.zeros(len(time), dtype=bool)
-        return np.searchsorted(joined_times(spans).ravel(), time) % 2 == 1
+        return within(joined_times(spans.reshape(-1, 2)), time)
 
 
 def open_replay(
