@@ -83,9 +83,11 @@ def rms_table(result: Irb360) -> Table:
         (name, "its own", *("—" if v is None else number(v, 2) for v in values))
         for name, values in paper
     ]
-    for motion, track in result.tracks.items():
-        for name, rms in (track.rms | {"noise alone": track.noise}).items():
-            rows.append((name, motion, *(number(v, 3) for v in rms)))
+    rows += [
+        (name, motion, *(number(v, 3) for v in rms))
+        for motion, track in result.tracks.items()
+        for name, rms in (track.rms | {"noise alone": track.noise}).items()
+    ]
     return Table(
         ("torque error, rms [N m]", "motion", *result.dynamics.robot.drives),
         tuple(rows),
