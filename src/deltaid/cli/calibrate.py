@@ -174,8 +174,10 @@ def calibrate(
     first = _wrapped(session_lines(result))
     said = [next_line(plan, shop.currency) for plan in plans[:1]]
     said += [f"doubtful: {doubt}" for doubt in result.doubts]
-    for path, (_, residual) in texts.items():
-        said.append(f"wrote {path}; its model of the printer leaves {1e3 * residual:.2g} mm")
+    said += [
+        f"wrote {path}; its model of the printer leaves {1e3 * residual:.2g} mm"
+        for path, (_, residual) in texts.items()
+    ]
     if output:
         said += [f"{output} holds {text}" for text in result.unwritten]
     last, unseen = _wrapped(said), _wrapped([f"not known: {text}" for text in result.unseen])
