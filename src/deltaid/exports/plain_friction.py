@@ -27,9 +27,8 @@ _PLAIN = ("viscous", "coulomb")
 
 def further_terms(model: Model) -> Iterator[FrictionTerm]:
     """Terms beyond viscous and Coulomb friction with a nonzero coefficient."""
-    for term in model.robot.friction_terms:
-        if term.kind not in _PLAIN and model.value(term.name):
-            yield term
+    terms = model.robot.friction_terms
+    return (term for term in terms if term.kind not in _PLAIN and model.value(term.name))
 
 
 @dataclass(frozen=True)
