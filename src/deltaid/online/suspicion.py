@@ -27,6 +27,7 @@ from deltaid.online.kalman import UNMODELLED
 from deltaid.online.online import OnlineEstimate
 from deltaid.online.replay import Cycles
 from deltaid.online.settings import SOON
+from deltaid.recording.masks.masks import runs_of
 
 # Grid of a signal's offset, and time about it [s].
 STEP, _AROUND = 0.005, SOON + UNMODELLED
@@ -226,11 +227,10 @@ class Suspicion:
         within = np.abs(rows.tau[1:]) < 0.999 * self._ends
         same = (np.diff(rows.tau, axis=0) == 0) & (np.diff(rows.q, axis=0) != 0) & within
         for i, drive in enumerate(same.T):
-            ends = np.flatnonzero(np.diff(drive.astype(int), prepend=0, append=0)).reshape(-1, 2)
-            for start, end in ends:
-                if (end - start) * self._period > self._stuck[i]:
-                    self._stuck[i] = (end - start) * self._period
-                    self._stuck_at[i] = rows.time[start]
+            for first, last in runs_of(drive):
+                if (last + 1 - first) * self._period > self._stuck[i]:
+                    self._stuck[i] = (last + 1 - first) * self._period
+                    self._stuck_at[i] = rows.time[first]
 
     @property
     def evidence(self) -> RunEvidence:
