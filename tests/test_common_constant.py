@@ -62,7 +62,10 @@ def test_intervals_count_a_constant_that_looks_like_weight(kind: str, share: flo
 def test_drives_get_offsets_together_where_none_alone_is_surprising() -> None:
     made = with_constant("par4", 0.12)
     result = identified(made)
+    laws = result.model.robot.friction.values()
     assert all(result.model.robot.friction[drive].has_constant for drive in made.robot.drives)
+    # A prior as small as an estimate that noise made so would exclude the truth.
+    assert all(law.offset is None or law.offset >= ONE_WAY * law.coulomb for law in laws)
     judged = judge(made, result)
     assert judged.friction < 0.02  # 0.066 without offsets
     assert np.mean(judged.curves) == 1.0
