@@ -26,7 +26,7 @@ from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import resolved_table
 from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.recording.source import LogTable
-from deltaid.recording.table import read_batches
+from deltaid.recording.table import read_batches, recut
 from deltaid.recording.time.grid import usual_step
 from deltaid.recording.units import SI_UNITS
 from deltaid.robot.description import RobotDescription
@@ -109,13 +109,10 @@ class Evidence:
         Raises:
             RecordingError: it cannot be read at all.
         """
-        columns, parts, missing = self.columns, [np.zeros((0, len(self.columns.all)))], _MOST
-        for batch in read_batches(self.table, columns):
-            parts.append(batch[:missing])
-            missing -= len(parts[-1])
-            if not missing:
-                break
-        values = np.concatenate(parts)
+        columns = self.columns
+        beginnings = recut(read_batches(self.table, columns), _MOST)
+        # Row by row in memory: the order decides how sums over rows are rounded.
+        values = np.ascontiguousarray(next(beginnings, np.zeros((0, len(columns.all)))))
         time, values = values[:, 0], np.where(np.abs(values) < _OVERFLOWS, values, np.nan)
         counts = np.cumsum([len(columns.position), len(columns.velocity)])
         q, qd, _ = np.split(values[:, columns.motion_places], counts, axis=1)
