@@ -168,12 +168,9 @@ def _are_among(needed: tuple[tuple[str, ...], ...], names: Sequence[str]) -> boo
 
 
 def _after_comments(lines: HeadLines, row: int) -> int:
-    start = row
-    while is_comment(lines[row]):
-        row += 1
-        if row - start > SEARCHED_LINES:
-            return start
-    return row
+    """First line from `row` on that is no comment; `row` itself if all searched lines are."""
+    searched = range(row, row + SEARCHED_LINES + 1)
+    return next((k for k in searched if not is_comment(lines[k])), row)
 
 
 def _units(line: bytes, header: _NameLine, mapping: ColumnMapping) -> dict[str, str]:
