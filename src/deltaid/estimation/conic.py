@@ -26,7 +26,7 @@ from scipy.linalg import solve_triangular
 
 from deltaid.errors import IdentificationError
 from deltaid.estimation.log_cholesky import LogCholesky
-from deltaid.estimation.objective import LOG_DET, Objective, Quadratic, Solution, Solver, Vector
+from deltaid.estimation.objective import Objective, Quadratic, Solution, Solver, Vector
 from deltaid.estimation.reduction import INTERIOR, Affine, Block
 from deltaid.model.options import Method
 
@@ -41,15 +41,14 @@ class Conic:
     certifies: ClassVar[bool] = True
 
     def solve(self, objective: Objective) -> Solution:
-        spectral = objective.regularizer.spectral
-        if not (spectral is None or spectral.divergence is LOG_DET):
+        if not objective.regularizer.convex:
             raise IdentificationError(
                 "this regulariser is not convex in the parameters, so it has no conic program",
                 cure="use --method log-cholesky with it, or the entropic regulariser, which is "
                 "close to the Riemannian",
             )
         quadratic = _stacked(objective)
-        if spectral is None and np.all(np.diag(quadratic.R) != 0):
+        if objective.regularizer.spectral is None and np.all(np.diag(quadratic.R) != 0):
             x = solve_triangular(quadratic.R, quadratic.b)
             blocks = (block.normalised_at(x) for block in objective.reduction.blocks)
             if all(np.linalg.eigvalsh(block)[0] > INTERIOR for block in blocks):
