@@ -160,8 +160,6 @@ class RestSearch:
 
     def _add_torque(self, torque: DriveRows, row: int) -> None:
         length = max(_ROWS, round(_OFF_LASTS / self.period))
-        if len(torque) < length:
-            return
         self._torque = np.maximum(self._torque, np.abs(torque).max(axis=0))
         low, high = rolling(torque, length)
         sums = np.cumsum(np.vstack([np.zeros_like(torque[:1]), torque]), axis=0)
