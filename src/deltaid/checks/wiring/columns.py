@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from deltaid.checks.evidence import WRONG_SCALE, Values
-from deltaid.checks.wiring.candidate import LITTLE
+from deltaid.checks.wiring.candidate import LITTLE, named_units
 from deltaid.checks.wiring.explained import INERTIA, RemappedRecording, in_unit, overall
 from deltaid.checks.wiring.residual import UNIT, Map
 from deltaid.checks.wiring.search import SMALLEST
@@ -53,7 +53,7 @@ def _positions(log: RemappedRecording) -> Iterator[Verdict]:
 def _scaled(log: RemappedRecording, drives: list[int], factor: float) -> Verdict:
     """Positions that must be multiplied by a factor."""
     record, best, whose = log.evidence, log.best, log.all_or(drives)
-    name, ratio = log.named(drives[0]).get(factor), 1 / factor
+    name, ratio = named_units(record.robot, drives[0]).get(factor), 1 / factor
     change = record.of_motor if name is None else record.in_unit
     changes: dict[Quantity, Values] = {
         quantity: {i: change(quantity, best.map.order[i], factor) for i in drives}

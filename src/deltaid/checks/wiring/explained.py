@@ -104,7 +104,10 @@ class RemappedRecording:
     @cached_property
     def units(self) -> dict[int, float]:
         """Unit factors of untied drives, which only the prior determines."""
-        factors = {i: _unit_of(self.ratios[i], self._beyond(i), self.named(i)) for i in self.untied}
+        factors = {
+            i: _unit_of(self.ratios[i], self._beyond(i), named_units(self.evidence.robot, i))
+            for i in self.untied
+        }
         return {i: unit for i, unit in factors.items() if unit != 1}
 
     def _beyond(self, i: int) -> float:
@@ -125,9 +128,6 @@ class RemappedRecording:
 
     def linear(self, drive: int) -> bool:
         return self.evidence.robot.is_linear(self.names[drive])
-
-    def named(self, drive: int) -> dict[float, str]:
-        return named_units(self.evidence.robot, drive)
 
     def whose(self, drives: list[int]) -> str:
         """Subject of a verdict: empty for all drives."""
