@@ -63,8 +63,7 @@ class Trace:
                 last = first + (outputs - 1) * low_pass.thinned + support
                 low, high = max(0, first - margin), min(rows, last + margin)
                 x = quantity(run.part(slice(low, high)))[:, first - low : last - low]
-                x = run.part(slice(first, last)).weighted(x, drives)
-                led = x if low_pass.stride == 1 else apply(low_pass.lead, x, low_pass.stride)
+                led = low_pass.leading(run.part(slice(first, last)).weighted(x, drives))
                 parts.append(apply(low_pass.smooth, led, low_pass.decimation)[:, :outputs])
         return np.concatenate(parts, axis=1)
 
