@@ -9,6 +9,7 @@ the torques of a poor motion. W scales rows by each drive's recorded torque, so 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import compress
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -246,11 +247,8 @@ def residuals(
 ) -> Iterator[MapResidual]:
     """Least squares under maps whose loops mostly close."""
     every = tuple(maps)
-    for map, share in zip(every, closed_shares(dynamics, motion, every), strict=True):
-        if share >= MOSTLY_CLOSED:
-            solved = residual(dynamics, motion, map)
-            if solved is not None:
-                yield solved
+    closing = compress(every, closed_shares(dynamics, motion, every) >= MOSTLY_CLOSED)
+    yield from filter(None, (residual(dynamics, motion, map) for map in closing))
 
 
 def tried(
