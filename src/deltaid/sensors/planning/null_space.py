@@ -157,13 +157,9 @@ def _remaining(
         return
     basis = np.linalg.qr(named.T)[0]
     _, _, Vt = np.linalg.svd(null - (null @ basis) @ basis.T, full_matrices=False)
-    rows, pivots = np.vstack([named, Vt[:count]]), list[int]()
-    for k in range(len(rows)):
-        free = np.ones(rows.shape[1], dtype=bool)
-        free[pivots] = False
-        pivot = int(np.argmax(np.abs(rows[k]) * free))
-        eliminate(rows, k, pivot)
-        pivots.append(pivot)
+    rows = np.vstack([named, Vt[:count]])
+    for k in range(len(rows)):  # elimination leaves exact zeros at the pivots of earlier rows
+        eliminate(rows, k, int(np.argmax(np.abs(rows[k]))))
     yield from np.where(np.abs(rows[-count:]) > NEGLIGIBLE, rows[-count:], 0.0)
 
 
