@@ -176,8 +176,7 @@ def parameter_scale(
 ) -> Float[np.ndarray, " parameters"]:
     """|p_reg| or, for entries that are zero there, m·ℓ or m·ℓ² of the body, or their own scale."""
     scale = np.abs(p_reg)
-    for i, size in layout.signed.items():
-        scale[i] = size
+    scale[list(layout.signed)] = list(layout.signed.values())
     for body in layout.bodies:
         part = layout.body(body)
         scale[part] = inertia_scale(p_reg[part])
