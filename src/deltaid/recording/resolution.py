@@ -58,10 +58,9 @@ def resolve_columns(
         else _under_default_names(quantity, table, linear)
         for quantity in QUANTITIES
     }
-    states = dict.fromkeys(load.column for load in mapping.loads if load.column is not None)
     warm = mapping.temperature
-    if warm is not None:
-        states[warm.column] = None
+    held = (part.column for part in (*mapping.loads, warm) if part is not None)
+    states = dict.fromkeys(column for column in held if column is not None)
     degrees = Channel(warm.column, *_CELSIUS[warm.unit]) if warm is not None else None
     of_sensors = sensor_columns(table, sensors or {}, mapping)
     measured = [channel.column for sensor in of_sensors for channel in sensor.channels]
