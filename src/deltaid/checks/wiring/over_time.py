@@ -87,8 +87,7 @@ def _course(log: RemappedRecording) -> _Course | None:
     fit = _of_most_rows(under, np.zeros_like(one_sided))
     known = under.prior, fit, _of_most_rows(under, one_sided) if one_sided.any() else fit
     torques, drives = np.zeros((len(known), *moved.tau.T.shape)), np.flatnonzero(~under.still)
-    for k, p in enumerate(known):
-        torques[k][:, under.keep] = under.rows.of_drives(under.Y @ p)
+    torques[:, :, under.keep] = [under.rows.of_drives(under.Y @ p) for p in known]
     blurred = moved.low_pass.half // (2 * moved.low_pass.decimation)
     prior, fitted, unsigned = torques[:, drives]
     return _Course(

@@ -204,8 +204,7 @@ class ScopeTable(LogTable):
             )
 
     def _named(self, column: int) -> str:
-        names = [trace.name for trace in self.channels if trace.values == column]
-        return names[0] if names else TIME
+        return next((trace.name for trace in self.channels if trace.values == column), TIME)
 
 
 def _filled(frame: pl.DataFrame, columns: Sequence[int]) -> np.ndarray:
