@@ -185,7 +185,7 @@ def test_a_gain_is_reported_without_bias_about_what_a_fit_expects() -> None:
     states, first = (z, qd, qdd), len(p)
     noise, u = np.repeat([1.0, 0.1], 3), np.zeros(len(rows.parameters))
     u[:6], u[-1] = rng.uniform(-3, 3, 6), gain
-    exact = rows.about(np.append(truth, u)).expected(*states)
+    exact = rows.shown(np.append(truth, u), *states)
     y = exact + noise[:, None] * rng.standard_normal(exact.shape)
     tau = dynamics.regressor(q, qd, qdd).reshape(3 * n, -1)
     sigma = 0.02 * np.abs(tau @ truth).max()
@@ -205,10 +205,10 @@ def test_a_gain_is_reported_without_bias_about_what_a_fit_expects() -> None:
     assert plain[-1] > gain + 20 * std
     found = prior
     for _ in range(6):
-        found, std = fitted(rows.about(found).expected(*states))
+        found, std = fitted(rows.shown(found, *states))
     assert abs(found[-1] - gain) < 3 * std
     np.testing.assert_allclose(found[first : first + 2], u[:2], atol=0.2)  # fz: U.m as well
     same = rows.about(found)
     assert (same.name, same.channels, same.parameters) == ("s", rows.channels, rows.parameters)
-    expected = dense(rows, states, same.expected(*states))
-    np.testing.assert_array_equal(dense(same, states), expected)
+    expected = dense(rows, states, rows.shown(found, *states))
+    np.testing.assert_allclose(dense(same, states), expected, rtol=1e-12)

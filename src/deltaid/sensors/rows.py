@@ -138,10 +138,6 @@ class SensorRows(ABC):
                 entries[selected] = self._entries(columns, about)[selected]
         return entries
 
-    def expected(self, z: Motion, qd: Motion, qdd: Motion) -> Shown:
-        """Expected values ŷ at the linearization point `values`, at some samples."""
-        return self._expected(self._compiled[0](np.hstack([z, qd, qdd]).T))[2]
-
     def _entries(self, columns: np.ndarray, shown: Shown) -> Float[np.ndarray, "entries samples"]:
         return np.vstack([columns, *(unknown.column(shown) for unknown in self.still)])
 
