@@ -78,7 +78,6 @@ class Addition(ABC):
         return None
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
-        del judged
         return ()
 
 
