@@ -57,7 +57,7 @@ class Shift:
         common: f, by which the motion is read earlier, in samples.
         whole: k of each drive.
         rest: r of each drive.
-        constants: T of each drive's filter, in samples; empty for none.
+        constants: T of each drive's filter, in samples; 0 for none.
         growth: growth of all lags; None for none.
         grown: bound of |ρ (t − t_0)|, in samples.
     """
@@ -65,7 +65,7 @@ class Shift:
     common: float
     whole: tuple[int, ...]
     rest: tuple[float, ...]
-    constants: tuple[float, ...] = ()
+    constants: tuple[float, ...]
     growth: LagGrowth | None = None
     grown: int = 0
 
@@ -96,7 +96,7 @@ class Shift:
         whole = np.round(samples - common)
         rest = samples - common - whole
         rest[np.abs(rest) < _NONE] = 0.0
-        filters = tuple((np.asarray(constants) * rate).tolist()) if any(constants) else ()
+        filters = tuple((np.asarray(constants or (0.0,) * len(late)) * rate).tolist())
         grown = int(np.ceil(abs(growth.rate) * growth.reach * rate)) + 1 if growth else 0
         places = tuple(whole.astype(int).tolist())
         return cls(common, places, tuple(rest.tolist()), filters, growth, grown)
@@ -104,10 +104,9 @@ class Shift:
     @property
     def smear(self) -> tuple[int, ...]:
         """Samples to either side over which each drive's torque is interpolated."""
-        constants = self.constants or (0.0,) * len(self.rest)
         return tuple(
             _SLOPE_SIDE if T else TORQUE_SIDE if rest or self.growth else 0
-            for rest, T in zip(self.rest, constants, strict=True)
+            for rest, T in zip(self.rest, self.constants, strict=True)
         )
 
     @property
@@ -146,8 +145,8 @@ class Shift:
             time = np.nan_to_num(wide[before : before + count, 0])
             grown = self.growth.rate * (time - self.growth.about) * rate
             grown = np.clip(grown, 1 - self.grown, self.grown - 1)
-        constants = self.constants or (0.0,) * drives
-        for i, (whole, rest, T) in enumerate(zip(self.whole, self.rest, constants, strict=True)):
+        drive_shifts = zip(self.whole, self.rest, self.constants, strict=True)
+        for i, (whole, rest, T) in enumerate(drive_shifts):
             tau, weight = 1 + motion + i, wide.shape[1] - drives + i
             if grown is None:
                 unshifted = around(rest, _SLOPE_SIDE if T else TORQUE_SIDE, T)
