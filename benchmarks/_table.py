@@ -40,7 +40,7 @@ STATED: dict[str, Size] = {
     "fleet": {"rows": 15, "samples": 100_000_000},
     "fleet_nights": {"rows": 4},
     "house": {},
-    "leave_one_out": {"rows": 9, "kinds": 6, "seeds": 1},
+    "leave_one_out": {"rows": 12, "kinds": 6, "seeds": 1},
     "masks": {"rows": 16, "seeds": 6},
     "mutants": {"rows": 60},
     "online": {"rows": 12, "robots": 6, "minutes": 6},
