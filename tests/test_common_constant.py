@@ -21,6 +21,7 @@ from deltaid.identification.friction_choice import choose_friction
 from deltaid.identification.friction_rows import FrictionRows, friction_rows
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.load import described
+from deltaid.robot.measured import MeasuredTogether
 from drives.happening import Happening, Law
 from drives.identify import identified
 from drives.judge import judge
@@ -155,3 +156,23 @@ def test_offsets_that_no_row_shows_are_not_chosen(delta3: FrictionRows) -> None:
     poor = replace(delta3, span=delta3.span.with_columns(offsets))
     robot, _ = choose_friction(poor)
     assert not any(law.has_constant for law in robot.friction.values())
+
+
+def test_a_scale_that_weighed_all_bodies_knows_the_constant() -> None:
+    """What is left of weight is then a constant; without the scale hardly anything is known."""
+    m, sensors = machine("linear", 0), Sensors()
+    constant = 0.03 * m.coulomb.mean()
+    h = Happening(m, 14.0, 5, law=Law(m.viscous, m.coulomb, bias=constant / m.coulomb))
+    truth = dict(zip(m.layout.names, m.plant.p.tolist(), strict=True))
+    weighed = tuple(
+        MeasuredTogether(mass=truth[f"{body}.m"], std=1e-3, of=body) for body in m.robot.body_names
+    )
+    sizes = list[float]()
+    for robot in (m.robot, m.robot.changed(measured=weighed)):
+        dynamics = compiled(robot)
+        (recording,) = open_recordings([sensors.recorded(h)], dynamics.kinematics, None, None)
+        moves = undetected_constant(friction_rows(dynamics, [recording]), robot)
+        sizes.append(moves["offset.drive1"])
+    unknown, known = sizes
+    assert unknown == pytest.approx(np.sqrt(0.5) * ONE_WAY * 30.0)
+    assert known == pytest.approx(constant, rel=0.1)

@@ -13,15 +13,18 @@ count the root of P(κ ≠ 0) E[κ²], and what parameters lose by it.
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Int
 from scipy.special import expit
 
+from deltaid.dynamics.dynamics import Dynamics
 from deltaid.effects.joint import ONE_WAY, FrictionJoint, of_term, one_way
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import Explanation, Rows, Span
+from deltaid.estimation.problem import Columns, Explanation, Rows, Span
 from deltaid.identification.friction_rows import FrictionRows, Variant, options
 from deltaid.levels import HARDLY, UNLIKELY
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
+from deltaid.sensors.weighings import weighings
 
 
 def missing_offsets(rows: FrictionRows, laws: Mapping[str, Friction]) -> list[Variant]:
@@ -49,10 +52,16 @@ def undetected_constant(rows: FrictionRows, robot: RobotDescription) -> dict[str
     described = set(rows.dynamics.robot.friction_terms)
     terms = [term for term in robot.friction_terms if term not in described]
     added = rows.columns([(rows.joints[term.joint], of_term(term)) for term in terms])
-    others = Span.of_columns(np.hstack([rows.drive_rows.stack(rows.Y), added, rows.extra]))
+    facts, known = _measured(rows.dynamics)
+    columns = np.hstack([rows.drive_rows.stack(rows.Y), added, rows.extra])
+    facts = np.pad(facts, ((0, 0), (0, columns.shape[1] - facts.shape[1])))
+    others = Span.of_columns(np.vstack([columns, facts]))
     column = rows.columns([(joint, one_way) for joint in joints]).sum(axis=1)
+    column, tau = np.append(column, np.zeros(len(known))), np.append(rows.tau, known)
+    own = rows.drive_rows.groups
+    groups = np.append(own, own.max() + 1 + np.arange(len(known)))
     prior = ONE_WAY * float(np.mean(rows.points[0].coulomb(joints)))
-    mean, deviation, probability = _size(rows, others, column, prior)
+    mean, deviation, probability = _size(others, column, tau, groups, prior)
     if any(robot.friction[joint.name].has_constant for joint in joints):
         probability = 1.0
     if probability < UNLIKELY:
@@ -87,8 +96,18 @@ def _alike(rows: FrictionRows) -> list[FrictionJoint]:
     return [rows.joints[drive] for drive in drives if drive in rows.joints]
 
 
+def _measured(dynamics: Dynamics) -> tuple[Columns, Rows]:
+    """Rows of the active columns for measured values that these determine, in units of their
+    standard deviations: a scale knows weight."""
+    active = active_columns(dynamics)
+    others = np.delete(np.arange(len(dynamics.layout.names)), active)
+    facts = [f for f in weighings(dynamics.robot) if not np.any(f.coefficients[others])]
+    rows = [fact.coefficients[active] / fact.std for fact in facts]
+    return np.reshape(rows, (len(facts), len(active))), np.array([f.value / f.std for f in facts])
+
+
 def _size(
-    rows: FrictionRows, others: Span, column: Rows, prior: float
+    others: Span, column: Rows, tau: Rows, groups: Int[np.ndarray, " rows"], prior: float
 ) -> tuple[float, float, float]:
     """Mean and standard deviation of a column's coefficient beside others, and the probability that
     it is not zero."""
@@ -96,8 +115,8 @@ def _size(
     length = float(np.linalg.norm(beside))
     if length <= HARDLY * np.linalg.norm(column):
         return 0.0, prior, 0.5
-    U, residual = beside[:, None] / length, others.without(rows.tau)
-    shown = Explanation.by_columns(U, residual, rows.drive_rows.groups, others.rank)
+    U, residual = beside[:, None] / length, others.without(tau)
+    shown = Explanation.by_columns(U, residual, groups, others.rank)
     squared = shown.level / length**2
     share = prior**2 / (prior**2 + squared)
     odds = 0.5 * (share * shown.gain / shown.level + np.log1p(-share))
