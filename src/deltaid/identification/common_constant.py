@@ -10,20 +10,19 @@ for it is as likely as not to be there, or certain where another drive has a con
 count the root of P(κ ≠ 0) E[κ²], and what parameters lose by it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Int
 from scipy.special import expit
 
-from deltaid.dynamics.dynamics import Dynamics
 from deltaid.effects.joint import ONE_WAY, FrictionJoint, of_term, one_way
 from deltaid.estimation.information import active_columns
-from deltaid.estimation.problem import Columns, Explanation, Rows, Span
+from deltaid.estimation.problem import Explanation, LinearProblem, Rows
 from deltaid.identification.friction_rows import FrictionRows, Variant, options
 from deltaid.levels import HARDLY, UNLIKELY
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
+from deltaid.robot.friction_terms import FrictionTerm
 from deltaid.sensors.weighings import weighings
 
 
@@ -51,23 +50,17 @@ def undetected_constant(rows: FrictionRows, robot: RobotDescription) -> dict[str
         return {}
     described = set(rows.dynamics.robot.friction_terms)
     terms = [term for term in robot.friction_terms if term not in described]
-    added = rows.columns([(rows.joints[term.joint], of_term(term)) for term in terms])
-    facts, known = _measured(rows.dynamics)
-    columns = np.hstack([rows.drive_rows.stack(rows.Y), added, rows.extra])
-    facts = np.pad(facts, ((0, 0), (0, columns.shape[1] - facts.shape[1])))
-    others = Span.of_columns(np.vstack([columns, facts]))
-    column = rows.columns([(joint, one_way) for joint in joints]).sum(axis=1)
-    column, tau = np.append(column, np.zeros(len(known))), np.append(rows.tau, known)
-    own = rows.drive_rows.groups
-    groups = np.append(own, own.max() + 1 + np.arange(len(known)))
+    others = _others(rows, terms)
+    constant = rows.columns([(joint, one_way) for joint in joints]).sum(axis=1)
+    constant = np.pad(constant, (0, len(others.b) - len(constant)))
     prior = ONE_WAY * float(np.mean(rows.points[0].coulomb(joints)))
-    mean, deviation, probability = _size(others, column, tau, groups, prior)
+    mean, deviation, probability = _size(others, constant, prior)
     if any(robot.friction[joint.name].has_constant for joint in joints):
         probability = 1.0
     if probability < UNLIKELY:
         return {}
     size = float(np.sqrt(probability) * np.hypot(mean, deviation))
-    active, response = active_columns(rows.dynamics), -size * others.coefficients(column)
+    active, response = active_columns(rows.dynamics), -size * others.span.coefficients(constant)
     p = np.zeros(len(rows.dynamics.layout.names))
     p[active] = response[: len(active)]
     moves = rows.dynamics.layout.named(p)
@@ -96,27 +89,31 @@ def _alike(rows: FrictionRows) -> list[FrictionJoint]:
     return [rows.joints[drive] for drive in drives if drive in rows.joints]
 
 
-def _measured(dynamics: Dynamics) -> tuple[Columns, Rows]:
-    """Rows of the active columns for measured values that these determine, in units of their
-    standard deviations: a scale knows weight."""
-    active = active_columns(dynamics)
-    others = np.delete(np.arange(len(dynamics.layout.names)), active)
-    facts = [f for f in weighings(dynamics.robot) if not np.any(f.coefficients[others])]
-    rows = [fact.coefficients[active] / fact.std for fact in facts]
-    return np.reshape(rows, (len(facts), len(active))), np.array([f.value / f.std for f in facts])
+def _others(rows: FrictionRows, terms: Sequence[FrictionTerm]) -> LinearProblem:
+    """All other columns: those of the rows and of added terms. Measured values that active columns
+    determine are rows too: a scale knows weight."""
+    added = rows.columns([(rows.joints[term.joint], of_term(term)) for term in terms])
+    columns = np.hstack([rows.drive_rows.stack(rows.Y), added, rows.extra])
+    active = active_columns(rows.dynamics)
+    idle = np.delete(np.arange(len(rows.dynamics.layout.names)), active)
+    known = [w for w in weighings(rows.dynamics.robot) if not np.any(w.coefficients[idle])]
+    facts = np.zeros((len(known), columns.shape[1]))
+    for fact, weighing in zip(facts, known, strict=True):
+        fact[: len(active)] = weighing.coefficients[active] / weighing.std
+    values = [weighing.value / weighing.std for weighing in known]
+    problem = LinearProblem(columns, rows.tau, rows.drive_rows.groups)
+    return problem.with_known(facts, np.array(values))
 
 
-def _size(
-    others: Span, column: Rows, tau: Rows, groups: Int[np.ndarray, " rows"], prior: float
-) -> tuple[float, float, float]:
+def _size(others: LinearProblem, column: Rows, prior: float) -> tuple[float, float, float]:
     """Mean and standard deviation of a column's coefficient beside others, and the probability that
     it is not zero."""
-    beside = others.without(column)
+    beside = others.span.without(column)
     length = float(np.linalg.norm(beside))
     if length <= HARDLY * np.linalg.norm(column):
         return 0.0, prior, 0.5
-    U, residual = beside[:, None] / length, others.without(tau)
-    shown = Explanation.by_columns(U, residual, groups, others.rank)
+    U, residual = beside[:, None] / length, others.span.without(others.b)
+    shown = Explanation.by_columns(U, residual, others.groups, others.span.rank)
     squared = shown.level / length**2
     share = prior**2 / (prior**2 + squared)
     odds = 0.5 * (share * shown.gain / shown.level + np.log1p(-share))
