@@ -206,8 +206,9 @@ def inseparable(problem: FittedProblem, *, absolute: bool) -> Iterator[Inseparab
         )
     robot = problem.dynamics.robot
     unknown = tuple(
-        drive for drive, size in undetected_constants(problem).items()
-        if NORMAL * size > ONE_WAY * robot.friction[drive].coulomb  # so nothing is known of it
+        drive for drive in undetected_constants(problem)
+        if NORMAL * abs(problem.undetected.get(f"offset.{drive}", 0.0))
+        > ONE_WAY * robot.friction[drive].coulomb  # so nothing is known of it
     )  # fmt: skip
     if unknown:
         yield Inseparable(causes=("weight", "a constant of friction"), subjects=unknown)
