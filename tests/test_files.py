@@ -72,6 +72,29 @@ def test_a_folder_that_cannot_be_made_leaves_none(tmp_path: Path) -> None:
     assert listing(tmp_path) == ["y"]
 
 
+def test_a_folder_that_another_process_makes_meanwhile_is_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make = Path.mkdir
+
+    def made_by_the_other_as_well(folder: Path, **settings: bool) -> None:
+        make(folder)
+        make(folder, **settings)
+
+    monkeypatch.setattr(Path, "mkdir", made_by_the_other_as_well)
+    write_bytes(tmp_path / "x" / "y" / "a", b"new")
+    assert (tmp_path / "x" / "y" / "a").read_bytes() == b"new"
+
+
+def test_others_may_read_a_file_as_the_mask_of_the_process_says(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        write_bytes(tmp_path / "a", b"")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o640
+
+
 def test_asking_whether_a_file_can_be_written_makes_nothing(tmp_path: Path) -> None:
     require_writable(tmp_path / "no" / "folder" / "yet.csv")
     assert listing(tmp_path) == []

@@ -2,11 +2,11 @@
 
 import glob
 import os
+import secrets
 import shutil
 import signal
 import socket
 import sys
-import tempfile
 import threading
 from collections.abc import Generator, Iterable
 from contextlib import ExitStack, contextmanager, suppress
@@ -91,10 +91,7 @@ def written_whole(path: Path) -> Generator[TextIO, None, None]:
     Raises:
         DeltaidError: it cannot be written.
     """
-    with (
-        _replacing(path) as handle,
-        os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file,
-    ):
+    with _replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         yield file
 
 
@@ -104,8 +101,8 @@ def write_bytes(path: Path, data: bytes) -> None:
     Raises:
         DeltaidError: it cannot be written.
     """
-    with _replacing(path) as handle, os.fdopen(handle, "wb") as file:
-        file.write(data)
+    with _replacing(path) as temporary:
+        temporary.write_bytes(data)
 
 
 def write_csv(path: Path, parts: Iterable["pl.DataFrame"]) -> None:
@@ -128,21 +125,17 @@ def require_writable(path: Path, inputs: Iterable[Path] = ()) -> None:
     for given in inputs:
         if os.path.exists(given) and os.path.exists(path) and os.path.samefile(given, path):
             raise DeltaidError("would overwrite an input; give another name", where=str(path))
-    _, handle, name = _begin(path)
-    os.close(handle)
-    Path(name).unlink(missing_ok=True)
+    _begin(path)[1].unlink(missing_ok=True)
 
 
 @contextmanager
-def _replacing(path: Path) -> Generator[int, None, None]:
-    """The handle of a temporary file that replaces the one at this path when it is complete."""
+def _replacing(path: Path) -> Generator[Path, None, None]:
+    """A temporary file that replaces the one at this path when it is complete."""
     with together():
-        target, handle, name = _begin(path)
-        temporary, complete = Path(name), False
+        (target, temporary), complete = _begin(path), False
         try:
             with refusing(path):
-                yield handle
-                temporary.chmod(0o666 & ~_umask())
+                yield temporary
                 complete = True
         finally:
             if not complete:
@@ -152,8 +145,8 @@ def _replacing(path: Path) -> Generator[int, None, None]:
         finished.append((path, target, temporary))
 
 
-def _begin(path: Path) -> tuple[Path, int, str]:
-    """The resolved path, and an open temporary file in its folder or the nearest existing one."""
+def _begin(path: Path) -> tuple[Path, Path]:
+    """The resolved path, and a new temporary file in its folder or the nearest existing one."""
     with refusing(path, kinds=_NO_PLACE):
         target = path.resolve()  # keeps a link, and replaces its target
         if target.is_dir():
@@ -168,22 +161,25 @@ def _begin(path: Path) -> tuple[Path, int, str]:
                 cure="give a name in another folder",
             )
         _remove_abandoned(folder)
-        return target, *tempfile.mkstemp(
-            dir=folder, prefix=_prefix(os.getpid()), suffix=_UNFINISHED
-        )
+        temporary = folder / _new_name()
+        temporary.touch(exist_ok=False)
+        return target, temporary
 
 
-def _prefix(process: int) -> str:
-    return f".deltaid-{socket.gethostname()}-{process}-"
+def _prefix() -> str:
+    return f".deltaid-{socket.gethostname()}-"
+
+
+def _new_name() -> str:
+    return f"{_prefix()}{os.getpid()}-{secrets.token_hex(8)}{_UNFINISHED}"
 
 
 def _remove_abandoned(folder: Path) -> None:
     """Remove unfinished files and folders that killed processes of this machine have left."""
     if sys.platform == "win32":  # here Python cannot ask whether a process is alive
         return
-    own = _prefix(0).removesuffix("0-")
-    for path in folder.glob(f"{glob.escape(own)}*{_UNFINISHED}"):
-        process = path.name.removeprefix(own).partition("-")[0]
+    for path in folder.glob(f"{glob.escape(_prefix())}*{_UNFINISHED}"):
+        process = path.name.removeprefix(_prefix()).partition("-")[0]
         if process.isdecimal() and not _is_alive(int(process)):
             with suppress(OSError):
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -226,7 +222,7 @@ def _appear(finished: list[_Finished]) -> None:
             with refusing(path):
                 for folder in reversed(target.parents):
                     if not folder.is_dir():
-                        folder.mkdir()
+                        folder.mkdir(exist_ok=True)  # another process may make it just now
                         made.append(folder)
         with _signals_held():
             for path, target, temporary in finished:
@@ -257,12 +253,6 @@ def refusing(
         raise DeltaidError(f"{what}: {reason}", where=where, cure=cure) from None
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
 @contextmanager
 def new_folder(path: Path) -> Generator[Path, None, None]:
     """A folder to fill, which appears under its name with all its files, or not at all.
@@ -274,13 +264,11 @@ def new_folder(path: Path) -> Generator[Path, None, None]:
     with refusing(path, kinds=_NO_PLACE):
         parent = next(folder for folder in target.parents if folder.is_dir())
         _remove_abandoned(parent)
-        temporary = Path(
-            tempfile.mkdtemp(dir=parent, prefix=_prefix(os.getpid()), suffix=_UNFINISHED)
-        )
+        temporary = parent / _new_name()
+        temporary.mkdir()
     try:
         with refusing(path):
             yield temporary
-            temporary.chmod(0o777 & ~_umask())
             target.parent.mkdir(parents=True, exist_ok=True)
             temporary.rename(_free_place(path))
     finally:
