@@ -17,6 +17,7 @@ from deltaid.estimation.problem import Span
 from deltaid.estimation.traces import trace
 from deltaid.identification.common_constant import of_laws, undetected_constant
 from deltaid.identification.contest import contest
+from deltaid.identification.doubts import inseparable
 from deltaid.identification.friction_choice import choose_friction
 from deltaid.identification.friction_rows import FrictionRows, friction_rows
 from deltaid.recording.recording import open_recordings
@@ -58,6 +59,10 @@ def test_intervals_count_a_constant_that_looks_like_weight(kind: str, share: flo
     assert np.mean(judge(made, result).curves) == 1.0
     named = [pair.text for pair in result.model.inseparable]
     assert any("weight from a constant of friction (drive1, drive2" in text for text in named)
+    # What a rival of the contest does to drives' constants is not weight.
+    moves = {f"offset.{drive}": law.coulomb for drive, law in made.robot.friction.items()}
+    rival = replace(result.problem, undetected={}, moves=(moves,))
+    assert not any("weight" in pair.causes for pair in inseparable(rival, absolute=True))
 
 
 def test_drives_get_offsets_together_where_none_alone_is_surprising() -> None:

@@ -1,5 +1,6 @@
 """Friction right without options: further laws, whole curves with intervals, warmth."""
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
@@ -280,6 +281,8 @@ def test_friction_of_a_robot_that_warms_up_is_that_of_the_mean() -> None:
     model = identify(robot, recorded(robot, 4, warm=cooling), settings=FRICTION).model
     (told,) = (correction for correction in model.corrections if correction.kind == "temperature")
     assert told.value == pytest.approx(4.0, rel=0.3)
+    shares = re.findall(r"drive\d ([-\d.]+) and ([-\d.]+) %", told.text)
+    assert np.array(shares, float) == pytest.approx(np.full((len(robot.drives), 2), -19.0), abs=4.0)
     assert not any(further(model.robot.friction).values())
     mean = 1 + np.mean(cooling(np.arange(0, SECONDS, 0.001)))
     for drive in robot.drives:

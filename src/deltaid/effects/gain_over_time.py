@@ -27,10 +27,14 @@ class GainOverTime(UnknownEffect, DescribedEffect):
     unit = "%"
     text = (
         "its torque constant drifts along the recording, by this to its end, as magnets do that "
-        "warm up: torques are read as it was at the beginning"
+        "warm up, or in all drives equally where the mass at the tool changes: torques are read as "
+        "it was at the beginning"
     )
-    likeliest = "magnets lose some of their field while motors warm up"
-    fix = "move the robot until it is warm before recording, and record shorter"
+    likeliest = (
+        "magnets lose some of their field while motors warm up; in all drives equally, the mass at "
+        "the tool may change"
+    )
+    fix = "move the robot until it is warm before recording, with the same load, and record shorter"
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         s = point.trace.recording.drifting().share(point.motion.time)

@@ -94,19 +94,20 @@ class Warmth(Addition):
 
     def to_corrections(self, judged: Sequence[Parameter]) -> tuple[Correction, ...]:
         first, laws = self.courses[0], self.dynamics.robot.friction
-        shares = []
+        shares: dict[str, list[str]] = {}
         for parameter, change in zip(self.parameters, judged, strict=True):
-            if parameter.symbol == "coulomb_change":
-                joint = parameter.owner.split("@")[0]
-                share = 100 * change.value * first.span / laws[joint].coulomb
-                shares.append(f"{joint} {share:+.2g} %")
+            joint, coefficient = parameter.owner.split("@")[0], parameter.symbol[: -len("_change")]
+            if coefficient in ("viscous", "coulomb"):
+                share = 100 * change.value * first.span / getattr(laws[joint], coefficient)
+                shares.setdefault(joint, []).append(f"{share:+.2g}")
+        each = ", ".join(f"{joint} {' and '.join(both)} %" for joint, both in shares.items())
         log, unit, course = "", "", "with its temperature, from the lowest to the highest"
         if first.constant is not None:
             log, unit = first.recording.path.name, "s"
             course = f"as it warms up, T = {first.constant:.3g} s, from the beginning to the end"
         text = (
-            f"the robot's friction changes {course}; Coulomb's by these shares of what is "
-            f"described: {', '.join(shares)}. The model has the friction of the mean"
+            f"the robot's friction changes {course}; viscous and Coulomb's by these shares of "
+            f"what is described: {each}. The model has the friction of the mean"
         )
         return (
             Correction(kind="temperature", log=log, value=first.constant, unit=unit, text=text),
