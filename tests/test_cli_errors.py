@@ -7,7 +7,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -199,7 +198,7 @@ def test_places_that_cannot_be_written(folder: Path, tmp_path: Path, monkeypatch
     def denied(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
-    monkeypatch.setattr(tempfile, "mkstemp", denied)  # as root, no permission stops anyone
+    monkeypatch.setattr(Path, "touch", denied)  # as root, no permission stops anyone
     out = tmp_path / "new.csv"
     arguments = ["torque", folder / "model.yaml", folder / "motion.csv", "-o", out]
     assert "cannot be written: Permission denied" in refused(*arguments, folder=tmp_path)

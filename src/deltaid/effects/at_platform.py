@@ -125,6 +125,15 @@ class AnisotropicSpring(PlatformSpring):
         return -np.stack([*straight, *coupled])
 
 
+def of_cable(
+    a: Float[np.ndarray, "*anchors 3"], x: Float[np.ndarray, "*#anchors samples 3"]
+) -> tuple[Float[np.ndarray, "*anchors samples 3"], Float[np.ndarray, "*anchors samples 1"]]:
+    """u and ℓ − ‖a‖ of a `Cable` from each point a."""
+    along = a[..., None, :] - x
+    length = np.linalg.norm(along, axis=-1, keepdims=True)
+    return along / length, length - np.linalg.norm(a, axis=-1)[..., None, None]
+
+
 class Cable(PlatformSpring):
     """T, k, Δa: a taut cable from a fixed point a + Δa, relative to home; linear in Δa:
 
@@ -141,10 +150,8 @@ class Cable(PlatformSpring):
 
     def forces(self, x: InWorld, v: InWorld) -> Forces:
         a, (T, k) = np.array(self.orders[:3]), self.orders[3:]
-        away, along = np.linalg.norm(a), a - x
-        length = np.linalg.norm(along, axis=1, keepdims=True)
-        u, longer = along / length, length - away
-        turned = (T + k * longer) / length
+        away, (u, longer) = np.linalg.norm(a), of_cable(a, x)
+        turned = (T + k * longer) / (away + longer)
         slopes = [
             k * (u[:, [i]] - a[i] / away) * u + turned * (np.eye(3)[i] - u[:, [i]] * u)
             for i in range(3)

@@ -1,6 +1,11 @@
-"""Search for the fixed point of a cable at the platform, beside other effects of a contest."""
+"""Search for the fixed point of a cable at the platform, beside other effects of a contest.
+
+Directions along a cable change slowly compared with the filter, so they multiply the filtered
+torques of constant forces.
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
@@ -9,8 +14,9 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 
 from deltaid.dynamics.geometry import across
-from deltaid.effects.at_platform import Cable
+from deltaid.effects.at_platform import Cable, ConstantForce, of_cable
 from deltaid.effects.point import Added, TracePoint
+from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.levels import FAINT
 
@@ -29,21 +35,46 @@ Place = Float[np.ndarray, " 3"]
 def largest_cable(points: Sequence[TracePoint], fit: Shrunk) -> Added | None:
     """The cable that explains most beside all groups of a fit; None if one that pushes explains
     more, for then it mimics another cause."""
-    task, home = points[0].dynamics.robot.task, points[0].dynamics.kinematics.home
-    x = np.concatenate([task.point(point.motion.z) for point in points]) - task.point(home)
+    dynamics = points[0].dynamics
+    task, home = dynamics.robot.task, dynamics.kinematics.home
+    places = [task.point(point.motion.z) - task.point(home) for point in points]
+    pull = ConstantForce(dynamics, (), (1.0,) * len(ConstantForce.symbols))
+    search = _Search(fit, places, [point.added(pull) for point in points])
+    x = np.concatenate(places)
     middle = 0.5 * (x.min(axis=0) + x.max(axis=0))
     radius = float(np.linalg.norm(x - middle, axis=1).max())
     ways = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     away = radius * ways[:, None] * np.array(_DISTANCES)[:, None]
-    gains = _explained(points, fit, middle + away.reshape(-1, 3))[0].reshape(away.shape[:2])
+    gains = search.explained(middle + away.reshape(-1, 3))[0].reshape(away.shape[:2])
     best = np.argsort(-gains.max(axis=1))[:_STARTS]
     ends = [
-        _refined(points, fit, middle, radius, ways[i], 1.0 / _DISTANCES[np.argmax(gains[i])])
+        _refined(search, middle, radius, ways[i], 1.0 / _DISTANCES[np.argmax(gains[i])])
         for i in best
     ]
     place, _, (T, k) = max(ends, key=lambda end: end.gain)
-    return _cable(points[0], place, T, k) if T > _NEAR * radius * k > 0 else None
+    if not T > _NEAR * radius * k > 0:
+        return None
+    orders = (*place.tolist(), float(T), float(k))
+    return Added(Cable.name, Cable(dynamics, (), (1.0,) * len(Cable.symbols), orders))
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    fit: Shrunk
+    places: Sequence[Float[np.ndarray, "samples 3"]]  # x of each recording
+    forces: Sequence[ColumnsOfDrives]  # torques of a force along each axis
+
+    def explained(
+        self, anchors: Float[np.ndarray, "anchors 3"]
+    ) -> tuple[Float[np.ndarray, " anchors"], Float[np.ndarray, "anchors 2"]]:
+        """Sum of squares that a cable from each point explains; its T and k."""
+        sets = list[Float[np.ndarray, "samples anchors 2"]]()
+        for x, forces in zip(self.places, self.forces, strict=True):
+            u, longer = of_cable(anchors, x)
+            pulled = np.einsum("dsi,asi->dsa", forces, u)
+            sets += list(np.stack([pulled, pulled * longer[:, :, 0].T], axis=3))
+        return self.fit.explained(range(len(sets)), sets, FAINT)
 
 
 class _End(NamedTuple):
@@ -52,9 +83,7 @@ class _End(NamedTuple):
     coefficients: Float[np.ndarray, " 2"]  # its T and k
 
 
-def _refined(
-    points: Sequence[TracePoint], fit: Shrunk, middle: Place, radius: float, way: Place, near: float
-) -> _End:
+def _refined(search: _Search, middle: Place, radius: float, way: Place, near: float) -> _End:
     """The point with the largest gain near one in a direction, at the inverse distance `near` in
     radii."""
     first, second = across(way)
@@ -65,7 +94,7 @@ def _refined(
         turned = way + a * first + b * second
         distance = np.copysign(1.0 / max(abs(inverse), FAINT), inverse)
         place = middle + radius * distance * turned / np.linalg.norm(turned)
-        gains, coefficients = _explained(points, fit, place[None])
+        gains, coefficients = search.explained(place[None])
         return _End(place, float(gains[0]), coefficients[0])
 
     def cost(v: Place) -> float:
@@ -75,20 +104,3 @@ def _refined(
     simplex = start + _FIRST * np.vstack([np.zeros(3), np.diag([1.0, 1.0, near])])
     options = {"initial_simplex": simplex, "xatol": _NEAR * near, "fatol": np.inf}
     return end(*minimize(cost, start, method="Nelder-Mead", options=options).x.tolist())
-
-
-def _explained(
-    points: Sequence[TracePoint], fit: Shrunk, anchors: Float[np.ndarray, "anchors 3"]
-) -> tuple[Float[np.ndarray, " anchors"], Float[np.ndarray, "anchors 2"]]:
-    """Sum of squares that a cable from each point explains; its T and k."""
-    sets = list[Float[np.ndarray, "samples anchors 2"]]()
-    for point in points:
-        columns = [_cable(point, a).columns(point)[:, :, :2] for a in anchors]
-        sets += list(np.stack(columns, axis=2))
-    return fit.explained(range(len(sets)), sets, FAINT)
-
-
-def _cable(point: TracePoint, anchor: Place, T: float = 0.0, k: float = 0.0) -> Added:
-    count = len(Cable.symbols)
-    orders = (*anchor.tolist(), float(T), float(k))
-    return Added(Cable.name, Cable(point.dynamics, (), (1.0,) * count, orders))
