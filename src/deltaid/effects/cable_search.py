@@ -4,8 +4,8 @@ Directions along a cable change slowly compared with the filter, so they multipl
 torques of constant forces.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import product
 from typing import NamedTuple
 
@@ -39,17 +39,17 @@ def largest_cable(points: Sequence[TracePoint], fit: Shrunk) -> Added | None:
     task, home = dynamics.robot.task, dynamics.kinematics.home
     places = [task.point(point.motion.z) - task.point(home) for point in points]
     pull = ConstantForce(dynamics, (), (1.0,) * len(ConstantForce.symbols))
-    search = _Search(fit, places, [point.added(pull) for point in points])
+    explained = partial(_explained, fit, places, [point.added(pull) for point in points])
     x = np.concatenate(places)
     middle = 0.5 * (x.min(axis=0) + x.max(axis=0))
     radius = float(np.linalg.norm(x - middle, axis=1).max())
     ways = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     away = radius * ways[:, None] * np.array(_DISTANCES)[:, None]
-    gains = search.explained(middle + away.reshape(-1, 3))[0].reshape(away.shape[:2])
+    gains = explained(middle + away.reshape(-1, 3))[0].reshape(away.shape[:2])
     best = np.argsort(-gains.max(axis=1))[:_STARTS]
     ends = [
-        _refined(search, middle, radius, ways[i], 1.0 / _DISTANCES[np.argmax(gains[i])])
+        _refined(explained, middle, radius, ways[i], 1.0 / _DISTANCES[np.argmax(gains[i])])
         for i in best
     ]
     place, _, (T, k) = max(ends, key=lambda end: end.gain)
@@ -59,22 +59,29 @@ def largest_cable(points: Sequence[TracePoint], fit: Shrunk) -> Added | None:
     return Added(Cable.name, Cable(dynamics, (), (1.0,) * len(Cable.symbols), orders))
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
-    fit: Shrunk
-    places: Sequence[Float[np.ndarray, "samples 3"]]  # x of each recording
-    forces: Sequence[ColumnsOfDrives]  # torques of a force along each axis
+_Explained = tuple[Float[np.ndarray, " anchors"], Float[np.ndarray, "anchors 2"]]
 
-    def explained(
-        self, anchors: Float[np.ndarray, "anchors 3"]
-    ) -> tuple[Float[np.ndarray, " anchors"], Float[np.ndarray, "anchors 2"]]:
-        """Sum of squares that a cable from each point explains; its T and k."""
-        sets = list[Float[np.ndarray, "samples anchors 2"]]()
-        for x, forces in zip(self.places, self.forces, strict=True):
-            u, longer = of_cable(anchors, x)
-            pulled = np.einsum("dsi,asi->dsa", forces, u)
-            sets += list(np.stack([pulled, pulled * longer[:, :, 0].T], axis=3))
-        return self.fit.explained(range(len(sets)), sets, FAINT)
+
+def _explained(
+    fit: Shrunk,
+    places: Sequence[Float[np.ndarray, "samples 3"]],
+    forces: Sequence[ColumnsOfDrives],
+    anchors: Float[np.ndarray, "anchors 3"],
+) -> _Explained:
+    """Sum of squares that a cable from each point explains; its T and k.
+
+    Args:
+        fit: of all other effects.
+        places: x in each recording.
+        forces: torques of a force along each axis.
+        anchors: the points.
+    """
+    sets = list[Float[np.ndarray, "samples anchors 2"]]()
+    for x, columns in zip(places, forces, strict=True):
+        u, longer = of_cable(anchors, x)
+        pulled = np.einsum("dsi,asi->dsa", columns, u)
+        sets += list(np.stack([pulled, pulled * longer[:, :, 0].T], axis=3))
+    return fit.explained(range(len(sets)), sets, FAINT)
 
 
 class _End(NamedTuple):
@@ -83,7 +90,13 @@ class _End(NamedTuple):
     coefficients: Float[np.ndarray, " 2"]  # its T and k
 
 
-def _refined(search: _Search, middle: Place, radius: float, way: Place, near: float) -> _End:
+def _refined(
+    explained: Callable[[np.ndarray], _Explained],
+    middle: Place,
+    radius: float,
+    way: Place,
+    near: float,
+) -> _End:
     """The point with the largest gain near one in a direction, at the inverse distance `near` in
     radii."""
     first, second = across(way)
@@ -94,7 +107,7 @@ def _refined(search: _Search, middle: Place, radius: float, way: Place, near: fl
         turned = way + a * first + b * second
         distance = np.copysign(1.0 / max(abs(inverse), FAINT), inverse)
         place = middle + radius * distance * turned / np.linalg.norm(turned)
-        gains, coefficients = search.explained(place[None])
+        gains, coefficients = explained(place[None])
         return _End(place, float(gains[0]), coefficients[0])
 
     def cost(v: Place) -> float:
