@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
-from deltaid.effects.at_platform import Cable, platform_forces
-from deltaid.effects.cable_search import largest_cable
+from deltaid.effects.at_platform import Cable, ConstantForce, platform_forces
+from deltaid.effects.cable_search import _explained, largest_cable
 from deltaid.effects.point import TracePoint
 from deltaid.estimation.shrinkage import Shrunk
+from deltaid.identification.study import studied_trace
 from deltaid.model.parameter_record import Parameter
 from deltaid.robot.load import described
 from drives import case
 from drives.identify import identified
 from drives.judge import judge
+from identified import identified as clean
 
 KINDS = ("clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "par4")
 
@@ -131,6 +133,24 @@ def test_a_cable_is_found_if_it_pulls(pull: float, is_cable: bool, seed: int) ->
     if cable:
         assert isinstance(cable.addition, Cable)
         assert cable.addition.orders == pytest.approx((*true, pull, 30.0), rel=0.05, abs=0.05)
+
+
+def test_the_search_has_the_filtered_torques_of_a_cable() -> None:
+    """Of one that is 0.8 m away, in each drive."""
+    result = clean("clavel-delta3").result
+    trace = studied_trace(result.problem.dynamics, result.recordings[0], result.model.p)
+    assert trace is not None
+    point, fit = TracePoint(trace, result.model.p), Mock(spec=Shrunk)
+    fit.explained.return_value = np.zeros(1), np.zeros((1, 2))
+    anchor = np.array([0.48, 0.0, 0.64])
+    task, home = trace.dynamics.robot.task, trace.dynamics.kinematics.home
+    pull = point.added(ConstantForce(trace.dynamics, (), (1.0,) * 3))
+    _explained(fit, [task.point(point.motion.z) - task.point(home)], [pull], anchor[None])
+    searched = np.stack(fit.explained.call_args.args[1])[:, :, 0]
+    cable = Cable(trace.dynamics, (), (1.0,) * 5, (*anchor.tolist(), 0.0, 0.0))
+    exact = point.added(cable)[:, :, :2]
+    error = np.linalg.norm(searched - exact, axis=1)
+    assert np.all(error < 0.02 * np.linalg.norm(exact, axis=1))
 
 
 def test_a_cable_is_corrected_as_its_stiffness_and_its_pull_at_home() -> None:

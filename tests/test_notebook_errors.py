@@ -165,7 +165,7 @@ for line in json.loads(sys.argv[1]):
     shell.run_cell("x = 1\\n" + line)
 for text in ("deltaid.", "deltaid.load", "robot."):
     with provisionalcompleter():
-        found = [one.text.lstrip(".") for one in shell.Completer.completions(text, len(text))]
+        found = [entry.text.lstrip(".") for entry in shell.Completer.completions(text, len(text))]
     print("completed", text, *found)
 """
 

@@ -75,8 +75,8 @@ def test_arms_that_were_weighed_are_alike() -> None:
         measured=[{"mass": 2.0, "std": 0.01, "of": [{"body": "U"}, {"body": "P"}]}]
     )
     tool = robot.changed(bodies=bodies | {"P": bodies["P"].changed(measured=weighed.measured)})
-    counts = [UnlikeLimbs().columns(point_of("clavel-delta3", own)).shape[2]
-              for own in (robot, alone, together, tool, UnlikeLimbs().opened(robot))]  # fmt: skip
+    counts = [UnlikeLimbs().columns(point_of("clavel-delta3", known)).shape[2]
+              for known in (robot, alone, together, tool, UnlikeLimbs().opened(robot))]  # fmt: skip
     assert counts[0] == counts[3] > 0
     assert counts[1] == counts[2] == counts[4] == 0
 

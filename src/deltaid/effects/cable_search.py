@@ -59,7 +59,7 @@ def largest_cable(points: Sequence[TracePoint], fit: Shrunk) -> Added | None:
     return Added(Cable.name, Cable(dynamics, (), (1.0,) * len(Cable.symbols), orders))
 
 
-_Explained = tuple[Float[np.ndarray, " anchors"], Float[np.ndarray, "anchors 2"]]
+_Gains = tuple[Float[np.ndarray, " anchors"], Float[np.ndarray, "anchors 2"]]
 
 
 def _explained(
@@ -67,7 +67,7 @@ def _explained(
     places: Sequence[Float[np.ndarray, "samples 3"]],
     forces: Sequence[ColumnsOfDrives],
     anchors: Float[np.ndarray, "anchors 3"],
-) -> _Explained:
+) -> _Gains:
     """Sum of squares that a cable from each point explains; its T and k.
 
     Args:
@@ -91,7 +91,7 @@ class _End(NamedTuple):
 
 
 def _refined(
-    explained: Callable[[np.ndarray], _Explained],
+    explained: Callable[[np.ndarray], _Gains],
     middle: Place,
     radius: float,
     way: Place,

@@ -161,7 +161,9 @@ class _Trials:
     count: int  # of residuals
 
     @classmethod
-    def of(cls, steps: Steps, shape: Shape, places: np.ndarray, times: np.ndarray) -> "_Trials":
+    def of_shape(
+        cls, steps: Steps, shape: Shape, places: np.ndarray, times: np.ndarray
+    ) -> "_Trials":
         """By the normal equations of α and β, time after time to save memory."""
         jump = steps.jump[:, None]
         g, r = (x - x.mean(axis=1, keepdims=True) for x in (jump * steps.after, steps.left))
@@ -211,8 +213,10 @@ def blurred(steps: Steps, known: float, period: float) -> tuple[float, float, fl
     places = known + np.linspace(-NEAR, NEAR, _GRID[1])
     times = np.geomspace(_CONSTANTS[1] * period, max(LONGEST, 2 * _CONSTANTS[1] * period), _GRID[0])
     constants = np.geomspace(_CONSTANTS[0] * period, times[-1], 3 * _GRID[0])
-    kinds = [_Trials.of(steps, shape, places, times) for shape, _ in _BLURRED]
-    others = [_Trials.of(steps, shape, places, constants) for shape in (rounded, yielding(steps))]
+    kinds = [_Trials.of_shape(steps, shape, places, times) for shape, _ in _BLURRED]
+    others = [
+        _Trials.of_shape(steps, shape, places, constants) for shape in (rounded, yielding(steps))
+    ]
     kind = int(np.argmin([trials.least for trials in kinds]))
     likeliest = kinds[kind]
     gain = (min(trials.least for trials in others) - likeliest.least) / (2 * likeliest.variance)
@@ -229,7 +233,7 @@ def behind_filter(steps: Steps, known: float, period: float) -> tuple[float, flo
     prior over a grid of lags and time constants."""
     constants = period * np.geomspace(*_CONSTANTS, _GRID[0])
     places = known + np.linspace(-NEAR, NEAR + constants[-1], _GRID[1])
-    trials = _Trials.of(steps, rounded, places, constants)
+    trials = _Trials.of_shape(steps, rounded, places, constants)
     k, m = trials.best
     place, constant = float(places[k]), float(constants[m])
     local = locally(steps, rounded(steps.after, place, constant))
