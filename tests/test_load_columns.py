@@ -63,8 +63,8 @@ load:
     assert (part.name, part.holding, part.known) == ("part", (2.0, 3.0), {})
     assert kilogram.known["mass"] == 1.0
     time = np.array([1.9, 2.0, 5.4, 5.5, 7.5, 8.0])
-    assert kilogram.held(time, None).tolist() == [False, True, True, False, True, False]
-    assert part.held(time[:3], np.array([1.0, 2.0, 3.0])).tolist() == [False, True, True]
+    assert kilogram.held(time, None).tolist() == [0, 1, 1, 0, 1, 0]
+    assert part.held(time[:3], np.array([1.0, 2.0, 3.0])).tolist() == [0, 1, 1]
     assert mapping("load: {always: true}", tmp_path).loads[0].held(time, None).all()
 
 
@@ -76,6 +76,8 @@ load:
         ("{always: true, when: 1}", "load.when: lists numbers of a column"),
         ("{spans: [[3, 2]]}", "span [3, 2] does not follow"),
         ("{spans: [[1, 3], [2, 4]]}", "span [2, 4] does not follow"),
+        ("{always: true, course: fills}", "load.course: needs spans"),
+        ("{spans: [[1, 2]], course: falls}", "load.course"),
         ("{spans: []}", "load.spans: needs at least one span"),
         ("{always: true, mass: -1}", "mass"),
         ("{always: true, centre: [0, 0, 0]}", "gives centre but no mass"),
@@ -110,6 +112,18 @@ def test_spans_and_columns_say_the_same(frame: pl.DataFrame) -> None:
     by_spans = opened(frame.drop("grip"), spans=[[2, 3]])
     assert by_column.masks == by_spans.masks
     np.testing.assert_array_equal(held(by_column), held(by_spans))
+
+
+def test_loads_that_empty_or_fill_are_held_in_part() -> None:
+    time, spans = np.array([0.9, 1.0, 1.5, 2.9, 3.0, 4.25, 5.0]), ((1.0, 3.0), (4.0, 5.0))
+    shares = [0.0, 1.0, 0.75, 0.05, 0.0, 0.75, 0.0]
+    np.testing.assert_allclose(
+        Load(spans=spans, course="empties").held(time, None), shares, atol=1e-12
+    )
+    shares = [0.0, 0.0, 0.25, 0.95, 0.0, 0.25, 0.0]
+    np.testing.assert_allclose(
+        Load(spans=spans, course="fills").held(time, None), shares, atol=1e-12
+    )
 
 
 def test_what_is_beside_the_drives_is_held_where_rows_are_lost(frame: pl.DataFrame) -> None:

@@ -1,11 +1,11 @@
-"""A load that is picked up or put down during a recording."""
+"""A load that is picked up or put down during a recording, or that empties or fills steadily."""
 
 from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from deltaid.effects.effect import Cause, DescribedEffect
-from deltaid.effects.load_times import Held, refined, two_levels
+from deltaid.effects.load_search import Held, holders, refined, shown_of, two_levels
 from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.estimation.problem import Columns, Rows
 from deltaid.model.verdict import Proposal
@@ -20,7 +20,8 @@ _BEYOND = 0.01
 
 
 class LoadChange(DescribedEffect):
-    """Parameters of a body that change to and fro between two sets of values.
+    """Parameters of a body that change to and fro between two sets of values, or steadily from one
+    to the other.
 
     The first times come from its mass alone; then times and all identifiable parameters of the load
     are estimated by turns.
@@ -31,21 +32,32 @@ class LoadChange(DescribedEffect):
     def why(self, cause: Cause) -> str:
         if _shifts(cause):
             return f"something on {cause.first.words} is loose, or opens, turns or slides"
+        if not cause.first.detail:
+            return "what the robot holds runs out, as glue that it dispenses, or fills up"
         return "a load is picked up or put down while recording goes on"
 
     def cure(self, cause: Cause) -> str:
         if _shifts(cause):
             return "fasten it, or identify the parts before and after as recordings of two robots"
+        times = "spans: …}, or the gripper's column" if cause.first.detail else "spans: …, course: …}"
         return (
-            "declare it in the mapping (load: {spans: …}, or the gripper's column), and it is "
-            "identified with the robot; else record without load"
+            f"declare it in the mapping (load: {{{times}), and it is identified with the robot; "
+            "else record without load"
         )
 
+    def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
+        """A mass that changes steadily."""
+        course = fit.trace.recording.drifting().share(fit.motion.time) - 0.5
+        for body, columns in holders(fit).items():
+            yield EffectCandidate(
+                self.kind, "", columns[:, :1] * np.tile(course, fit.dof)[:, None], body
+            )
+
     def search(self, fit: RigidFit) -> Callable[[Rows], Iterable[EffectCandidate]]:
-        holders = _holders(fit)
+        columns_of = holders(fit)
 
         def candidates_in(residual: Rows) -> Iterable[EffectCandidate]:
-            for body, columns in holders.items():
+            for body, columns in columns_of.items():
                 mass = columns[:, :1]
                 held = two_levels(fit, mass[:, 0], residual) if np.any(mass) else None
                 if held is None:
@@ -68,10 +80,11 @@ class LoadChange(DescribedEffect):
         when = ", ".join(f"{t:.2f}" for t in times[:4]) + (
             f" s and {len(times) - 4} times more" if len(times) > 4 else " s"
         )
+        when = f"at {when}" if times else "steadily"
         if _shifts(cause):
-            words = f"{first.words}'s centre or inertia changes, and its mass does not, at {when}"
+            words = f"{first.words}'s centre or inertia changes, and its mass does not, {when}"
             return mass, "kg", words
-        return mass, "kg", f"the mass of {first.words} changes by {mass:.2g} kg, at {when}"
+        return mass, "kg", f"the mass of {first.words} changes by {mass:.2g} kg, {when}"
 
     def held(self, cause: Cause, recording: PreparedRecording) -> Load | None:
         """The load with its spans; None where not all of the recording was inspected, where a load
@@ -82,6 +95,12 @@ class LoadChange(DescribedEffect):
             return None
         if _shifts(cause):
             return None
+        carrier = cause.fit.dynamics.robot.load_carrier
+        body = None if first.words == carrier else first.words
+        if not first.detail:
+            course = "fills" if _change(cause)["m"] > 0 else "empties"
+            whole = (round(start, 3), round(end + _BEYOND, 3))
+            return Load(spans=(whole,), course=course, body=body)
         is_held = first.columns.reshape(cause.fit.dof, len(time), -1).any(axis=(0, 2))
         changes = np.array(first.detail)
         k = int(np.argmax(is_held))
@@ -92,8 +111,7 @@ class LoadChange(DescribedEffect):
             (round(start, 3), round(end, 3))
             for start, end in zip(ends[::2], ends[1::2], strict=True)
         )
-        carrier = cause.fit.dynamics.robot.load_carrier
-        return Load(spans=spans, body=None if first.words == carrier else first.words)
+        return Load(spans=spans, body=body)
 
     def proposals(self, cause: Cause, recording: PreparedRecording) -> tuple[Proposal, ...]:
         """Lines of a mapping that declare the load, where its spans are known."""
@@ -102,26 +120,9 @@ class LoadChange(DescribedEffect):
             return ()
         body = () if load.body is None else (("load.body", load.body),)
         spans = [list(span) for span in load.spans or ()]
-        return (Proposal("mapping", (("load.name", load.name), *body, ("load.spans", spans))),)
-
-
-def _holders(fit: RigidFit) -> dict[str, Columns]:
-    """Columns of the identifiable parameters, the mass first, of each body that may hold a load:
-    the tool or, without a tool, the bodies that limbs carry."""
-    robot, layout = fit.dynamics.robot, fit.dynamics.layout
-    limbs = 0 if robot.limbs is None else robot.limbs.count
-    arms = {name for i in range(limbs) for name in robot.limb_bodies(i)}
-    free = ["EE"] if "EE" in layout.bodies else [body for body in layout.bodies if body not in arms]
-    return {
-        body: np.stack([fit.rows.stack(fit.column(f"{body}.{x}")) for x in _shown(fit, body)], 1)
-        for body in free
-        if fit.shows(f"{body}.m")
-    }
-
-
-def _shown(fit: RigidFit, body: str) -> list[str]:
-    """Those of a body's ten parameters that torques determine."""
-    return [name for name in INERTIA_NAMES if fit.shows(f"{body}.{name}")]
+        course = () if load.course is None else (("load.course", load.course),)
+        named = ("load.name", load.name), *body, ("load.spans", spans), *course
+        return (Proposal("mapping", named),)
 
 
 def _change(cause: Cause) -> dict[str, float]:
@@ -130,7 +131,7 @@ def _change(cause: Cause) -> dict[str, float]:
     alone = cause.fit.span.without(cause.first.columns)
     change = np.linalg.lstsq(alone, cause.fit.tau, rcond=1e-6)[0].tolist()
     # A candidate by its mass alone has only the first column.
-    shown = _shown(cause.fit, cause.first.words)[: len(change)]
+    shown = shown_of(cause.fit, cause.first.words)[: len(change)]
     return dict(zip(shown, change, strict=True))
 
 

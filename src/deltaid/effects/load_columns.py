@@ -92,11 +92,11 @@ class LoadColumns(Addition):
         """Numbers of the entries that lie in the carrier's columns."""
         return np.flatnonzero(np.isin(columns, self._places))
 
-    def held(self, w: SampleBlock, recording: PreparedRecording) -> Bool[np.ndarray, " samples"]:
+    def held(self, w: SampleBlock, recording: PreparedRecording) -> Float[np.ndarray, " samples"]:
         columns = recording.log.columns
         names = [load.name for load in columns.loads]
         if self.load.name not in names:
-            return np.zeros(len(w.time), dtype=bool)
+            return np.zeros(len(w.time))
         return columns.held(w.time, w.extra)[names.index(self.load.name)]
 
     @cached_property
@@ -166,7 +166,8 @@ class LoadColumns(Addition):
             when = "in spans that were detected and no mapping declares"
         origin = "is known" if known else "was identified with the robot"
         without = "the model is of the robot without it"
-        text = f"{body} holds it {when}, and its mass {origin}; {without}"
+        empties = "" if self.load.course is None else f"; it {self.load.course} steadily"
+        text = f"{body} holds it {when}, and its mass {origin}{empties}; {without}"
         if low is not None and high is not None and high - low > mass.value:
             text += (
                 f"; torques hardly separate it from {body} itself: record a part without it, or "

@@ -1,13 +1,14 @@
 """Loads that a robot carries in a recording, as the user declares them.
 
-A column shows when a load is held, or it is held in spans of time, or always. The user states known
+A column shows when a load is held, or it is held in spans of time, or always. Over a span it may
+empty or fill steadily. The user states known
 properties; the others are identified. Loads of one name are the same load in all recordings.
 """
 
 from typing import Annotated, Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from pydantic import Field, model_validator
 
 from deltaid.errors import RecordingError
@@ -39,6 +40,11 @@ class Load(Part):
     )
     spans: tuple[tuple[Time, Time], ...] | None = Field(
         default=None, description="in place of a column: from when to when it is held [s]"
+    )
+    course: Literal["empties", "fills"] | None = Field(
+        default=None,
+        description="over each span it falls steadily to nothing, as glue that is dispensed, or "
+        "grows from nothing; the same all the time by default",
     )
     always: Literal[True] | None = Field(
         default=None, description="in place of both: held in the whole recording"
@@ -74,24 +80,31 @@ class Load(Part):
 
     def held(
         self, time: Float[np.ndarray, " samples"], column: Float[np.ndarray, " samples"] | None
-    ) -> Bool[np.ndarray, " samples"]:
-        """Whether the load is held at each sample.
+    ) -> Float[np.ndarray, " samples"]:
+        """The share of the load that is held at each sample: 0 or 1, or between them on a course.
 
         Args:
             time: time of the recording [s].
             column: numbers of the load's column, if it has one.
         """
         if column is not None:
-            return np.isin(column, self.holding or (1.0,))
+            return np.isin(column, self.holding or (1.0,)).astype(float)
         if self.spans is None:
-            return np.ones(len(time), dtype=bool)
-        return np.searchsorted(np.array(self.spans).ravel(), time, side="right") % 2 == 1
+            return np.ones(len(time))
+        ends = np.ravel(self.spans)
+        inside = (np.searchsorted(ends, time, side="right") % 2).astype(float)
+        if self.course is None:
+            return inside
+        levels = [1.0, 0.0] if self.course == "empties" else [0.0, 1.0]
+        return inside * np.interp(time, ends, np.tile(levels, len(self.spans)))
 
     @model_validator(mode="after")
     def _check(self) -> "Load":
         require_one(self, "column", "spans", "always")
         if self.when is not None and (self.column is None or not self.holding):
             raise ValueError("when lists numbers of a column; give both, or neither")
+        if self.course is not None and self.spans is None:
+            raise ValueError("course needs spans, [from, to] of each course in s")
         if self.spans == ():
             raise ValueError("spans needs at least one span, [from, to]")
         last = -np.inf

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from deltaid.recording.carried import Load
 from deltaid.robot.part import Part
@@ -158,20 +158,20 @@ class Columns:
 
     def held(
         self, time: Float[np.ndarray, " samples"], extra: Float[np.ndarray, "samples extra"]
-    ) -> Bool[np.ndarray, "loads samples"]:
-        """Whether the robot holds each load at each sample.
+    ) -> Float[np.ndarray, "loads samples"]:
+        """The share of each load that the robot holds at each sample.
 
         Args:
             time: times of the samples in the recording [s].
             extra: numbers of the extra columns.
         """
-        states = [
+        shares = [
             load.held(
                 time, None if load.column is None else extra[:, self.extra_index(load.column)]
             )
             for load in self.loads
         ]
-        return np.array(states, dtype=bool).reshape(len(self.loads), len(time))
+        return np.array(shares).reshape(len(self.loads), len(time))
 
     @property
     def recorded(self) -> tuple[Channel, ...]:

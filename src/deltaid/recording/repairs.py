@@ -203,7 +203,8 @@ def burden_of(
         for parameters, held in zip(p, columns.held(time, extra), strict=True):
             rows = np.flatnonzero(held)
             if rows.size and parameters.any():
-                taken[rows] += dynamics.torque(z[rows], qd[rows], qdd[rows], parameters)
+                torque = dynamics.torque(z[rows], qd[rows], qdd[rows], parameters)
+                taken[rows] += held[rows, None] * torque
         return taken
 
     return torques

@@ -265,7 +265,7 @@ class LoadSearch:
                     cure="list the numbers at which the load is held: "
                     f"load: {{column: {load.column}, when: [{numbers[other]:.10g}]}}",
                 )
-        held = np.hstack([self._last, self._columns.held(values[:, 0], extra)])
+        held = np.hstack([self._last, self._columns.held(values[:, 0], extra) > 0])
         changes = np.flatnonzero(np.any(np.diff(held, axis=1), axis=0))
         self._changes.append(self._rows + changes + 1 - self._last.shape[1])
         self._last, self._ever = held[:, -1:], self._ever | held.any(axis=1)

@@ -1,4 +1,5 @@
-"""Times at which a load is picked up or put down, as a path between two levels (Viterbi)."""
+"""Bodies that may hold a load, and times at which it is picked up or put down, as a path between
+two levels (Viterbi)."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -6,6 +7,7 @@ from jaxtyping import Float, Int
 from deltaid.effects.point import RigidFit
 from deltaid.estimation.problem import Columns, Rows
 from deltaid.levels import ROUNDS
+from deltaid.robot.inertia import INERTIA_NAMES
 
 # Length of the windows over which the search averages [s], and their largest number.
 _WINDOW, _WINDOWS = 0.1, 4000
@@ -16,6 +18,25 @@ _SPLITS = (0.02, 0.2, 0.5, 0.8, 0.98)
 
 # For each sample or window 0 or 1, the lower or higher of two levels.
 Held = Int[np.ndarray, " samples"]
+
+
+def holders(fit: RigidFit) -> dict[str, Columns]:
+    """Columns of the identifiable parameters, the mass first, of each body that may hold a load:
+    the tool or, without a tool, the bodies that limbs carry."""
+    robot, layout = fit.dynamics.robot, fit.dynamics.layout
+    limbs = 0 if robot.limbs is None else robot.limbs.count
+    arms = {name for i in range(limbs) for name in robot.limb_bodies(i)}
+    free = ["EE"] if "EE" in layout.bodies else [body for body in layout.bodies if body not in arms]
+    return {
+        body: np.stack([fit.rows.stack(fit.column(f"{body}.{x}")) for x in shown_of(fit, body)], 1)
+        for body in free
+        if fit.shows(f"{body}.m")
+    }
+
+
+def shown_of(fit: RigidFit, body: str) -> list[str]:
+    """Those of a body's ten parameters that torques determine."""
+    return [name for name in INERTIA_NAMES if fit.shows(f"{body}.{name}")]
 
 
 def refined(fit: RigidFit, columns: Columns, residual: Rows, held: Held) -> Held | None:
