@@ -39,9 +39,11 @@ class LoadChange(DescribedEffect):
     def cure(self, cause: Cause) -> str:
         if _shifts(cause):
             return "fasten it, or identify the parts before and after as recordings of two robots"
-        times = "spans: …}, or the gripper's column" if cause.first.detail else "spans: …, course: …}"
+        how = "{spans: …}, or the gripper's column"
+        if not cause.first.detail:
+            how = "{spans: …, course: …}"
         return (
-            f"declare it in the mapping (load: {{{times}), and it is identified with the robot; "
+            f"declare it in the mapping (load: {how}), and it is identified with the robot; "
             "else record without load"
         )
 
