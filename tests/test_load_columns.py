@@ -114,6 +114,12 @@ def test_spans_and_columns_say_the_same(frame: pl.DataFrame) -> None:
     np.testing.assert_array_equal(held(by_column), held(by_spans))
 
 
+def test_rows_on_a_course_count_but_about_its_ends(frame: pl.DataFrame) -> None:
+    frame = frame.drop("grip")
+    emptied = opened(frame, spans=[[2, 3]], course="empties")
+    assert emptied.masks == opened(frame, spans=[[2, 3]]).masks
+
+
 def test_loads_that_empty_or_fill_are_held_in_part() -> None:
     time, spans = np.array([0.9, 1.0, 1.5, 2.9, 3.0, 4.25, 5.0]), ((1.0, 3.0), (4.0, 5.0))
     shares = [0.0, 1.0, 0.75, 0.05, 0.0, 0.75, 0.0]
