@@ -5,13 +5,13 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from deltaid.effects.effect import Cause, DescribedEffect
-from deltaid.effects.load_search import Held, holders, refined, shown_of, two_levels
+from deltaid.effects.load_change import changes_of, is_weight, shifts, weighed
+from deltaid.effects.load_search import Held, holders, refined, two_levels
 from deltaid.effects.point import EffectCandidate, RigidFit
 from deltaid.estimation.problem import Columns, Rows
 from deltaid.model.verdict import Proposal
 from deltaid.recording.carried import Load
 from deltaid.recording.recording import PreparedRecording
-from deltaid.robot.inertia import INERTIA_NAMES
 
 # Longest gap in the rows of a recording that counts as completely inspected [s].
 _GONE = 1.0
@@ -30,14 +30,20 @@ class LoadChange(DescribedEffect):
     kind = "load-change"
 
     def why(self, cause: Cause) -> str:
-        if _shifts(cause):
+        if not is_weight(cause):
+            return (
+                "a force that comes and goes, as of something that hangs from the robot and swings"
+            )
+        if shifts(cause):
             return f"something on {cause.first.words} is loose, or opens, turns or slides"
         if not cause.first.detail:
             return "what the robot holds runs out, as glue that it dispenses, or fills up"
         return "a load is picked up or put down while recording goes on"
 
     def cure(self, cause: Cause) -> str:
-        if _shifts(cause):
+        if not is_weight(cause):
+            return "fasten or remove what pulls at the robot, and record again"
+        if shifts(cause):
             return "fasten it, or identify the parts before and after as recordings of two robots"
         how = "{spans: …}, or the gripper's column"
         if not cause.first.detail:
@@ -78,35 +84,43 @@ class LoadChange(DescribedEffect):
         return EffectCandidate(self.kind, "", columns * rows, body, tries, times)
 
     def finding(self, cause: Cause, subject: str, share: float) -> tuple[float, str, str]:
-        first, mass, times = cause.first, abs(_change(cause)["m"]), cause.first.detail
+        first, mass, times = cause.first, abs(changes_of(cause)["m"]), cause.first.detail
         when = ", ".join(f"{t:.2f}" for t in times[:4]) + (
             f" s and {len(times) - 4} times more" if len(times) > 4 else " s"
         )
         when = f"at {when}" if times else "steadily"
-        if _shifts(cause):
+        if not is_weight(cause):
+            weight, inertia = np.abs(weighed(cause)[0])
+            words = f"a force at {first.words} changes, {when}; it is no load: it weighs "
+            return (
+                mass,
+                "kg",
+                f"{words}{weight:.2g} kg and resists acceleration as {inertia:.2g} kg",
+            )
+        if shifts(cause):
             words = f"{first.words}'s centre or inertia changes, and its mass does not, {when}"
             return mass, "kg", words
         return mass, "kg", f"the mass of {first.words} changes by {mass:.2g} kg, {when}"
 
     def held(self, cause: Cause, recording: PreparedRecording) -> Load | None:
         """The load with its spans; None where not all of the recording was inspected, where a load
-        is declared already, or where only centre or inertia change."""
+        is declared already, or where it is no weight or only centre or inertia change."""
         first, time, log = cause.first, cause.fit.motion.time, recording.log
         start, end = log.clock.stamps(np.array([0, log.samples - 1])).tolist()
         if log.columns.loads or np.diff(time, prepend=start, append=end).max() > _GONE:
             return None
-        if _shifts(cause):
+        if shifts(cause) or not is_weight(cause):
             return None
         carrier = cause.fit.dynamics.robot.load_carrier
         body = None if first.words == carrier else first.words
         if not first.detail:
-            course = "fills" if _change(cause)["m"] > 0 else "empties"
+            course = "fills" if changes_of(cause)["m"] > 0 else "empties"
             whole = (round(start, 3), round(end + _BEYOND, 3))
             return Load(spans=(whole,), course=course, body=body)
         is_held = first.columns.reshape(cause.fit.dof, len(time), -1).any(axis=(0, 2))
         changes = np.array(first.detail)
         k = int(np.argmax(is_held))
-        held_first = (np.searchsorted(changes, time[k]) % 2 == 0) == (_change(cause)["m"] > 0)
+        held_first = (np.searchsorted(changes, time[k]) % 2 == 0) == (changes_of(cause)["m"] > 0)
         ends = [*([start] if held_first else []), *changes.tolist()]
         ends += [end + _BEYOND] if len(ends) % 2 else []
         spans = tuple(
@@ -125,25 +139,3 @@ class LoadChange(DescribedEffect):
         course = () if load.course is None else (("load.course", load.course),)
         named = ("load.name", load.name), *body, ("load.spans", spans), *course
         return (Proposal("mapping", named),)
-
-
-def _change(cause: Cause) -> dict[str, float]:
-    """Change of each parameter of the carrier from the first to the second of two states: of "m",
-    its mass [kg], and of the others that torques determine."""
-    alone = cause.fit.span.without(cause.first.columns)
-    change = np.linalg.lstsq(alone, cause.fit.tau, rcond=1e-6)[0].tolist()
-    # A candidate by its mass alone has only the first column.
-    shown = shown_of(cause.fit, cause.first.words)[: len(change)]
-    return dict(zip(shown, change, strict=True))
-
-
-def _shifts(cause: Cause) -> bool:
-    """Whether the change is no load that comes and goes: for its moments, its mass would have to be
-    farther away than a limb reaches."""
-    change, limbs = _change(cause), cause.fit.dynamics.robot.limbs
-    if limbs is None:
-        return False
-    reach = max(limb.strut for limb in limbs.geometry())
-    moment = np.linalg.norm([change.get(name, 0.0) for name in INERTIA_NAMES[1:4]])
-    inertia = max(abs(change.get(name, 0.0)) for name in INERTIA_NAMES[4:])
-    return bool(max(moment, inertia / reach) > reach * abs(change["m"]))
