@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.calibration.unknowns import TOOL, Unknowns, mounting_axes
+from deltaid.calibration.unknowns import TOOL, Unknowns
 from deltaid.errors import KinematicsError
 from deltaid.kernel.batch import BatchKernel
 from deltaid.levels import ROUNDS
@@ -26,6 +26,7 @@ from deltaid.mechanism.platform import build_platform
 from deltaid.mechanism.rotation import Path, Turn, fixed, rotation, skew
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
+from deltaid.robot.mounting import mounting_axes
 
 Drives = Float[np.ndarray, "samples drives"]
 Poses = Float[np.ndarray, "samples coordinates"]

@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 from deltaid.calibration.fit import LITTLE
-from deltaid.calibration.unknowns import Number, TorqueRows, Unknowns, mounting_axes
+from deltaid.calibration.unknowns import Number, TorqueRows, Unknowns
 from deltaid.checks.evidence import evidence
 from deltaid.checks.signal import checked_signals
 from deltaid.checks.wiring.wiring import checked_wirings
@@ -36,7 +36,7 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.limbs import LimbGeometry
+from deltaid.robot.mounting import moved_and_turned
 
 
 class GeometryNumbers(UnknownEffect):
@@ -73,23 +73,11 @@ def _slope(number: Number, slopes: TorqueSlopes, point: TracePoint) -> np.ndarra
         direction[3 * len(limbs)] = 1.0
     elif number.limb >= 0:
         seat, turn = mounting_symbols(number.limb, len(limbs))
-        moved, turned = _mounting(number.kind, limbs[number.limb])
+        moved, turned = moved_and_turned(number.kind, limbs[number.limb])
         direction[seat], direction[turn] = -moved, turned
         direction[3 * number.limb + 1] = number.kind == "upper_arm"
         direction[3 * number.limb + 2] = number.kind == "strut"
     return slopes.of_growth(direction)
-
-
-def _mounting(kind: str, limb: LimbGeometry) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement of the base point and turn of the limb by a number, in the limb's frame."""
-    none, x, y, z = np.zeros(3), *np.eye(3)
-    axes = limb.R_WL.T @ mounting_axes(limb)
-    return {
-        "base_out": (axes @ x, none), "base_across": (axes @ y, none), "base_up": (axes @ z, none),
-        "azimuth": (none, limb.R_WL.T @ z), "tilt": (none, x),
-        "rail_out": (axes @ x, none), "rail_across": (axes @ y, none),
-        "lean_out": (none, axes @ -y), "lean_across": (none, axes @ x),
-    }.get(kind, (none, none))  # fmt: skip
 
 
 def torque_rows(

@@ -9,7 +9,7 @@ platform may tilt, a limb has five more and the tool three. A robot file holds s
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float
 from deltaid.errors import DescriptionError, unknown
 from deltaid.model.verdict import listed
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.limbs import LimbGeometry, Limbs, rotation
+from deltaid.robot.limbs import Limbs
+from deltaid.robot.mounting import DRIVES, RAILS, Kinds, Unit, leans, remounted
 from deltaid.robot.platform import H4Platform, Par4Platform, RigidPlatform
 from deltaid.robot.tolerances import LENGTHS, Tolerances
 
@@ -25,19 +26,12 @@ from deltaid.robot.tolerances import LENGTHS, Tolerances
 # a thousandth of a belt's pitch.
 TOLERANCE = 1e-3
 
-Unit = Literal["m", "rad", ""]
 # Unit and name of each kind.
-Kinds = dict[str, tuple[Unit, str]]
 ROTARY: Kinds = {
-    "base_out": ("m", "base radius"), "base_across": ("m", "base sideways"),
-    "base_up": ("m", "base height"), "azimuth": ("rad", "axis azimuth"),
-    "tilt": ("rad", "axis tilt"), "upper_arm": ("m", "upper arm"), "zero": ("rad", "zero"),
-    "strut": ("m", "strut"),
+    **DRIVES, "upper_arm": ("m", "upper arm"), "zero": ("rad", "zero"), "strut": ("m", "strut")
 }  # fmt: skip
 LINEAR: Kinds = {
-    "rail_out": ("m", "rail radius"), "rail_across": ("m", "rail sideways"),
-    "lean_out": ("rad", "rail lean out"), "lean_across": ("rad", "rail lean aside"),
-    "zero": ("m", "zero"), "scale": ("", "drive scale"), "strut": ("m", "strut"),
+    **RAILS, "zero": ("m", "zero"), "scale": ("", "drive scale"), "strut": ("m", "strut")
 }  # fmt: skip
 # Numbers of a limb with two modelled struts: difference of their lengths; distance at the elbow
 # minus distance at the platform along x, y, z of the limb's frame; their distance.
@@ -197,20 +191,6 @@ def _length_kind(kind: str) -> str:
     return _TOLERANCE.get(first, first)
 
 
-def mounting_axes(limb: LimbGeometry) -> Float[np.ndarray, "3 3"]:
-    """Axes of a limb's mounting. For a rotary limb out, across and up, the axes of L without its
-    tilt about x. For a rail across it in the limb's plane (outwards where it is upright), across it
-    sideways, and against its positive direction."""
-    if limb.drive == "rotary":
-        out, up = limb.R_WL[:, 0], np.array([0.0, 0.0, 1.0])
-        return np.column_stack([out, np.cross(up, out), up])
-    return limb.R_WL @ rotation("y", -float(np.rad2deg(np.arctan2(limb.rail[0], -limb.rail[2]))))
-
-
-# Sine of a rail's angle to the vertical from which its sideways lean is a change of azimuth.
-_LEANS = 0.5
-
-
 def calibrated_robot(
     robot: RobotDescription,
     known: Unknowns,
@@ -220,13 +200,12 @@ def calibrated_robot(
     """The robot with estimated numbers and their standard deviations as tolerances; zeros of rotary
     drives [rad] and scales of drives, which no key holds; which numbers the robot holds.
 
-    Base joints take the difference between base and platform; limbs' joints at the platform keep
-    their described places. Motor axes turn by azimuth and tilt; zeros of rails move base points.
+    Base joints take the difference between base and platform.
     """
     limbs, platform = robot.limbs, robot.platform
     assert limbs is not None  # `unknowns` refuses others
     *each, more = known.by_limb(theta.tolist())
-    half, upright = more.get("half", 0.0), abs(limbs.geometry()[0].rail[0]) <= _LEANS
+    half, upright = more.get("half", 0.0), not leans(limbs.geometry()[0])
     unheld = (*APART, *TOOL, *(("lean_across",) if upright else ()))
     if isinstance(platform, H4Platform):
         platform = platform.changed(half_length=platform.half_length + half)
@@ -270,27 +249,8 @@ def in_words(known: Unknowns, theta: Float[np.ndarray, " numbers"]) -> str:
 
 
 def _changed(limbs: Limbs, each: Sequence[dict[str, float]]) -> dict[str, object]:
-    rotary, geometry, bases, turns = limbs.drive == "rotary", limbs.geometry(), [], []
-    for limb, x in zip(geometry, each, strict=True):
-        leans = abs(limb.rail[0]) > _LEANS
-        if rotary:
-            by, turn = (x["base_out"], x["base_across"], x["base_up"]), (x["azimuth"], x["tilt"])
-        else:
-            by = x["rail_out"], x["rail_across"], -x["zero"]
-            turn = x["lean_across"] / limb.rail[0] if leans else 0.0, x["lean_out"]
-        bases.append(tuple((limb.base + mounting_axes(limb) @ by).tolist()))
-        turns.append(turn)
-    described = limbs.azimuth_deg, np.broadcast_to(limbs.tilt_deg, limbs.count)
-    azimuths, tilts = np.rad2deg(turns).T + np.stack(described)
-    changed: dict[str, object] = {
-        "base_radius": None,
-        "platform_radius": None,
-        "platform_points": tuple(tuple(limb.attachment.tolist()) for limb in geometry),
-        "base_points": tuple(bases),
-        "azimuth_deg": tuple(azimuths.tolist()),
-        "tilt_deg": tuple(tilts.tolist()),
-    }
-    for kind in ("strut", "upper_arm") if rotary else ("strut",):
+    changed, geometry = remounted(limbs, each), limbs.geometry()
+    for kind in ("strut", "upper_arm") if limbs.drive == "rotary" else ("strut",):
         changed[kind] = tuple(
             getattr(limb, kind) + x[kind] for limb, x in zip(geometry, each, strict=True)
         )

@@ -26,6 +26,7 @@ from deltaid.effects.geometry import GearRatios, Lengths, Structure, Tilt, Zeros
 from deltaid.effects.limbs import UnlikeLimbs
 from deltaid.effects.load import LoadChange
 from deltaid.effects.missing_friction import MissingFriction
+from deltaid.effects.mounting import Mounting
 from deltaid.effects.place import PlaceDependence
 from deltaid.effects.point import Added, TracePoint, UnknownEffect
 from deltaid.effects.presliding import Presliding, YieldingFriction
@@ -65,6 +66,7 @@ UNKNOWNS: tuple[UnknownEffect, ...] = (
     GearRatios(),
     Tilt(),
     Lengths(),
+    Mounting(),
     Structure(),
     UnlikeLimbs(),
 )

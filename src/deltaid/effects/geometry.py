@@ -7,18 +7,15 @@ import numpy as np
 from jaxtyping import Int
 
 from deltaid.dynamics.geometry import across
-from deltaid.effects.point import (
-    SIZE,
-    Deviations,
-    TracePoint,
-    UnknownEffect,
-)
+from deltaid.effects.mounting import by_limb
+from deltaid.effects.point import SIZE, Deviations, TracePoint, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.estimation.information import active_columns
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.model.corrections import Correction
 from deltaid.robot.body import Entry
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.mounting import remounted
 from deltaid.robot.tolerances import BY_EYE
 
 # Lengths of a limb that may be off, and the number of each among the symbols of a limb's lengths.
@@ -119,10 +116,13 @@ def lengths_of(robot: RobotDescription) -> tuple[tuple[str, int, int], ...]:
 
 
 def reshaped(
-    robot: RobotDescription, longer: Sequence[float], turned: Sequence[float]
+    robot: RobotDescription,
+    longer: Sequence[float] = (),
+    mounted: Sequence[float] = (),
+    turned: Sequence[float] = (),
 ) -> RobotDescription:
-    """The robot with the lengths of `lengths_of` changed [m], and gravity turned about the axes of
-    `Tilt` [rad]."""
+    """The robot with the lengths of `lengths_of` changed [m], limbs mounted otherwise by the
+    numbers of `Mounting`, and gravity turned about the axes of `Tilt` [rad]."""
     changed: dict[str, object] = {}
     if any(turned):
         g = np.array(robot.gravity)
@@ -133,7 +133,10 @@ def reshaped(
             given = getattr(robot.limbs, name)
             described = given[i] if isinstance(given, tuple) else given
             limbs[name] = (*limbs.get(name, ()), described + more)
-        changed["limbs"] = robot.limbs.model_copy(update=limbs)
+        robot = robot.model_copy(update={"limbs": robot.limbs.model_copy(update=limbs)})
+    if any(mounted) and robot.limbs is not None:
+        elsewhere = remounted(robot.limbs, by_limb(robot, mounted))
+        robot = robot.model_copy(update={"limbs": robot.limbs.model_copy(update=elsewhere)})
     return robot.model_copy(update=changed)
 
 

@@ -211,6 +211,7 @@ class UnknownEffect(ABC):
         corrects: the readings of the drives or the robot, if these are corrected exactly; empty
             where the columns stay in the fit, or another stage estimates the coefficients.
         is_fitted: whether the final fit estimates it again, as parameters of the robot.
+        is_late: whether it takes part only where the rows need it beside all others: it is costly.
         limit: largest norm of all coefficients; beyond it the effect is a doubt, not a correction:
             the description is wrong, or another cause mimics it.
     """
@@ -226,6 +227,7 @@ class UnknownEffect(ABC):
     is_own: ClassVar[bool] = False
     corrects: ClassVar[Literal["readings", "robot", ""]] = ""
     is_fitted: ClassVar[bool] = False
+    is_late: ClassVar[bool] = False
     limit: ClassVar[float] = np.inf
 
     @abstractmethod

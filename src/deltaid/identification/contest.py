@@ -152,11 +152,15 @@ class Contest:
         shrunk = self.shrunk.with_groups(candidates)
         return replace(self, unknowns=(*self.unknowns, *unknowns), shrunk=shrunk)
 
+    def needs(self, unknowns: Sequence[UnknownEffect]) -> bool:
+        """Whether the rows need one of these effects beside all others."""
+        kept = self._with(unknowns).reduced().shrunk.candidates
+        return any(unknown.name in kept for unknown in unknowns)
+
     def unexplained(self) -> tuple[Unexplained, ...]:
         """Free functions of the drives' torques, if the rows need any beside all effects."""
         free = tuple(Unexplained(self.points, kind) for kind in KINDS)
-        kept = self._with(free).reduced().shrunk.candidates
-        return free if any(map(is_unexplained, kept)) else ()
+        return free if self.needs(free) else ()
 
     def prefers(self, first: "Contest", other: "Contest") -> bool:
         """Whether the rows are more probable with the effects of one reduced contest than with

@@ -69,10 +69,9 @@ def with_readings(bare: Setup, outcome: ContestOutcome, p: Parameters) -> Setup:
 
 def with_effects(now: Setup, outcome: ContestOutcome, last: Contest) -> Setup:
     """The setup with the robot corrected, effects that stay columns, and new studies."""
-    if outcome.coefficients("length") or outcome.coefficients("tilt"):
-        robot = reshaped(
-            outcome.described, outcome.coefficients("length"), outcome.coefficients("tilt")
-        )
+    shapes = [outcome.coefficients(name) for name in ("length", "mounting", "tilt")]
+    if any(shapes):
+        robot = reshaped(outcome.described, *shapes)
         now = now.with_robot(
             now.robot.model_copy(update={"limbs": robot.limbs, "gravity": robot.gravity})
         )

@@ -95,7 +95,7 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     bare = without_contest(setup)
     if not _traces(bare):
         return setup
-    end = _sweeps(bare)
+    end, bare = _with_late(bare)
     others = [*_again(bare, end.parts), *_from_stiff_gears(bare)] if end.why_not else []
     end = min((o for o in others if _is_better(o, end)), key=lambda o: o.last.noise, default=end)
     end = _beside_unexplained(bare, _by_all_rows(bare, end))
@@ -109,6 +109,18 @@ def contested(setup: Setup, progress: Progress) -> Setup:
             moves.append(_start(bare) - _start(stiff))
         return stiff.changed(outcome=refuted(outcome, end.why_not, moves))
     return estimated_anew(end.setup, progress)
+
+
+def _with_late(bare: Setup) -> tuple[_Sweeps, Setup]:
+    """Sweeps without the effects that take part late, or with them if the rows need any of them and
+    they leave less noise; and the setup of these sweeps."""
+    late = [unknown for unknown in UNKNOWNS if unknown.is_late]
+    without = bare.changed(barred_effects=bare.barred_effects.union(u.name for u in late))
+    end = _sweeps(without)
+    if not end.full.needs([u for u in late if u.name not in bare.barred_effects]):
+        return end, without
+    beside = _sweeps(bare)
+    return (beside, bare) if _is_better(beside, end) else (end, without)
 
 
 def _is_better(other: _Sweeps, end: _Sweeps) -> bool:

@@ -25,8 +25,8 @@ OfPassive = Float[np.ndarray, " passive"]
 
 def speed_errors(traces: Sequence[Trace], outcome: ContestOutcome) -> OfPassive:
     """95 % bounds of the errors of passive joints' speeds, if as large as their changes by the
-    zeros, gear ratios and lengths of an outcome; zero for a joint that is slower half of the time,
-    for few rows would remain.
+    zeros, gear ratios, lengths and mounting of an outcome; zero for a joint that is slower half of
+    the time, for few rows would remain.
 
     Args:
         traces: recordings as described.
@@ -35,7 +35,8 @@ def speed_errors(traces: Sequence[Trace], outcome: ContestOutcome) -> OfPassive:
         KinematicsError: the corrected robot could not be in the recorded poses.
     """
     described = traces[0].dynamics.kinematics
-    corrected = Kinematics(reshaped(outcome.described, outcome.coefficients("length"), ()))
+    shapes = [outcome.coefficients(name) for name in ("length", "mounting")]
+    corrected = Kinematics(reshaped(outcome.described, *shapes))
     zero, ratio = (np.array(outcome.coefficients(name) or 0.0) for name in ("zero", "gear-ratio"))
     changes, speeds = list[np.ndarray](), list[np.ndarray]()
     for part in chain.from_iterable(trace.stretches for trace in traces):
