@@ -53,7 +53,7 @@ _ASKED: dict[tuple[float, float | None], str] = {
 # described may be the same to a recording.
 _ASKED_SHAPE: dict[tuple[float, float | None], str] = {
     (0.2, 0.5): "ripple homing-0.3 homing-0.5",
-    (0.3, 1.0): "gear-ratio long-limb heavy-limb tilt presliding ball-joints",
+    (0.3, 1.0): "gear-ratio long-limb mounting heavy-limb tilt presliding ball-joints",
     (0.3, 1.5): "production",
     (0.3, 2.0): "hose force spring hose-tilted",
     (0.3, 3.0): "balancer",

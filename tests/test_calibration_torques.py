@@ -15,6 +15,7 @@ from deltaid.calibration.torques import GeometryNumbers, torque_rows
 from deltaid.calibration.unknowns import unknowns
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.geometry import torque_slopes
+from deltaid.effects.mounting import Mounting, numbers_of
 from deltaid.effects.point import TracePoint
 from deltaid.robot.load import save_yaml
 from oracle.measured_delta import DRAWINGS, BuiltDelta, built
@@ -78,6 +79,8 @@ def test_slopes_of_torques_by_each_number_are_those_of_machines_built_so(name: s
     )  # fmt: skip
     columns = GeometryNumbers(known).columns(point)
     assert columns.shape[2] == len(known.numbers) + 2
+    of_effect = dict(zip(numbers_of(robot), Mounting().columns(point).T, strict=True))
+    assert of_effect
     for k, number in enumerate(known.numbers):
         if number.limb not in (LIMB, -1):
             continue
@@ -85,6 +88,8 @@ def test_slopes_of_torques_by_each_number_are_those_of_machines_built_so(name: s
         expected = (up - down) / (2 * STEP)
         near = 1e-4 * np.abs(expected).max()
         np.testing.assert_allclose(columns[:, :, k], expected, atol=near, err_msg=number.kind)
+        same = of_effect.get((number.limb, number.kind), columns[:, :, k].T)
+        np.testing.assert_array_equal(same.T, columns[:, :, k])
 
 
 def test_torques_add_to_a_probe_and_what_they_decided_is_said(tmp_path: Path) -> None:

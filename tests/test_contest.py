@@ -59,7 +59,7 @@ def test_balancers_pull_about_some_place() -> None:
 def test_a_robot_is_reshaped_in_lengths_and_gravity() -> None:
     robot = described("clavel-delta3")
     longer = 1e-3 * np.arange(len(lengths_of(robot)))
-    after = reshaped(robot, longer.tolist(), [0.02, 0.0])
+    after = reshaped(robot, longer.tolist(), turned=[0.02, 0.0])
     geometry = zip(robot.limbs.geometry(), after.limbs.geometry(), strict=True)
     arms, struts = zip(
         *((b.upper_arm - a.upper_arm, b.strut - a.strut) for a, b in geometry), strict=True

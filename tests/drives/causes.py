@@ -19,6 +19,7 @@ from drives.undescribed import (
     heavy_limb,
     hose,
     long_limb,
+    mounting,
     spring,
     tilt,
 )
@@ -37,6 +38,8 @@ CAUSES: dict[str, Faults | Mixture] = {
     "saturation": Faults("motors that saturate at 90 %", ((saturation, 0.9),)),
     "gear-ratio": Faults("gear ratio of one drive 1 % off", ((gear_ratio, 0.01),)),
     "long-limb": Faults("arm or strut of one limb 1 mm longer", ((long_limb, LENGTHS),)),
+    "mounting": Faults("one limb mounted 1 to 3 mm and 4 to 12 mrad off",
+                       ((mounting, (1e-3, 3e-3)),)),
     "heavy-limb": Faults("arm of one limb 20 to 50 % heavier", ((heavy_limb, (0.2, 0.5)),)),
     "balancer": Faults("springs at the drives, 3 to 10 % of the torque",
                        ((balancer, (0.03, 0.1)),)),

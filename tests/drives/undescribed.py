@@ -107,6 +107,18 @@ def long_limb(made: Made, rng: np.random.Generator, size: float) -> Made:
     return made.with_oracle(words, replace(oracle, limbs=tuple(limbs)))
 
 
+def mounting(made: Made, rng: np.random.Generator, size: float) -> Made:
+    """The base point of one limb is off by a length (m) in any direction, and its axis or rail is
+    turned about the vertical by four milliradians a millimetre."""
+    oracle = made.machine.plant.oracle
+    limbs, k = list(oracle.limbs), int(rng.integers(len(oracle.limbs)))
+    way, turn = rng.standard_normal(3), 4.0 * size * rng.choice([-1.0, 1.0])
+    base = limbs[k].base + size * way / np.linalg.norm(way)
+    limbs[k] = replace(limbs[k], base=base, azimuth=limbs[k].azimuth + turn)
+    words = f"base of limb {k + 1} {1e3 * size:.2g} mm off, turned by {1e3 * turn:.2g} mrad"
+    return made.with_oracle(words, replace(oracle, limbs=tuple(limbs)))
+
+
 def heavy_limb(made: Made, rng: np.random.Generator, size: float) -> Made:
     """One limb's arm or carriage carries a point mass, a share of its own mass."""
     oracle = made.machine.plant.oracle

@@ -23,20 +23,19 @@ from deltaid.checks.signal import checked_signals
 from deltaid.checks.wiring.wiring import checked_wirings
 from deltaid.dynamics.geometry import TorqueSlopes, across, grown_torques
 from deltaid.effects.geometry import GearRatios, Lengths, Tilt, Zeros
+from deltaid.effects.mounting import direction
 from deltaid.effects.point import Deviations, TracePoint, UnknownEffect
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.identification.contest_stage import contested, swept_beside
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.stages import run_stages
-from deltaid.mechanism.growth import mounting_symbols
 from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade, percent
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import open_recordings
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.mounting import moved_and_turned
 
 
 class GeometryNumbers(UnknownEffect):
@@ -67,17 +66,15 @@ def _slope(number: Number, slopes: TorqueSlopes, point: TracePoint) -> np.ndarra
     if number.kind == "scale":
         own, w = np.eye(point.dof)[number.limb], point.motion
         return slopes.of_motion(point.q * own, w.qd * own, w.qdd * own)
-    limbs = point.dynamics.robot.limb_geometry
-    direction = np.zeros(slopes.grown.symbols)
+    limbs, symbols = point.dynamics.robot.limb_geometry, slopes.grown.symbols
+    growth = np.zeros(symbols)
     if number.kind == "half":
-        direction[3 * len(limbs)] = 1.0
+        growth[3 * len(limbs)] = 1.0
     elif number.limb >= 0:
-        seat, turn = mounting_symbols(number.limb, len(limbs))
-        moved, turned = moved_and_turned(number.kind, limbs[number.limb])
-        direction[seat], direction[turn] = -moved, turned
-        direction[3 * number.limb + 1] = number.kind == "upper_arm"
-        direction[3 * number.limb + 2] = number.kind == "strut"
-    return slopes.of_growth(direction)
+        growth = direction(number.kind, number.limb, limbs, symbols)
+        growth[3 * number.limb + 1] = number.kind == "upper_arm"
+        growth[3 * number.limb + 2] = number.kind == "strut"
+    return slopes.of_growth(growth)
 
 
 def torque_rows(

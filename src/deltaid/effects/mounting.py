@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from deltaid.dynamics.geometry import grown_torques
 from deltaid.effects.point import Deviations, TracePoint, UnknownEffect
@@ -11,6 +12,7 @@ from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.mechanism.growth import mounting_symbols
 from deltaid.model.corrections import Correction
 from deltaid.robot.description import RobotDescription
+from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.mounting import DRIVES, RAILS, leans, moved_and_turned
 
 
@@ -30,12 +32,10 @@ class Mounting(UnknownEffect):
         if not (numbers := numbers_of(robot)):
             return np.zeros((*point.model.shape, 0))
         slopes = replace(point.slopes, grown=grown_torques(robot, mounted=True))
-        limbs, directions = robot.limb_geometry, np.zeros((len(numbers), slopes.grown.symbols))
-        for direction, (limb, kind) in zip(directions, numbers, strict=True):
-            seat, turn = mounting_symbols(limb, len(limbs))
-            moved, turned = moved_and_turned(kind, limbs[limb])
-            direction[seat], direction[turn] = -moved, turned
-        return point.weighted([slopes.of_growth(direction) for direction in directions])
+        return point.weighted([
+            slopes.of_growth(direction(kind, limb, robot.limb_geometry, slopes.grown.symbols))
+            for limb, kind in numbers
+        ])  # fmt: skip
 
     def corrections(
         self, robot: RobotDescription, values: Deviations, half: Deviations
@@ -55,6 +55,17 @@ class Mounting(UnknownEffect):
             )
             for limb, sizes in each.items()
         )
+
+
+def direction(
+    kind: str, limb: int, limbs: Sequence[LimbGeometry], symbols: int
+) -> Float[np.ndarray, " growth"]:
+    """Direction of a number of a limb's mounting in the space of all symbols; zero for others."""
+    seat, turn = mounting_symbols(limb, len(limbs))
+    growth = np.zeros(symbols)
+    moved, growth[turn] = moved_and_turned(kind, limbs[limb])
+    growth[seat] = -moved
+    return growth
 
 
 def numbers_of(robot: RobotDescription) -> tuple[tuple[int, str], ...]:
