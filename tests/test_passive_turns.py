@@ -29,6 +29,8 @@ TURNS = 0.25
 RATIO = np.array([0.0, 0.01, -0.004, 0.0])
 ZERO = np.array([0.003, 0.0, 0.0, -0.002])
 LONGER = 1e-3 * np.array([0.0, 0.0, 1.0, 0.0, -2.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
+# Sideways, up, azimuth and tilt of each limb [m, rad].
+MOUNTED = 1e-3 * np.random.default_rng(4).standard_normal(16)
 
 
 def motion_at(t: np.ndarray, turn: float = 2.0) -> np.ndarray:
@@ -50,24 +52,28 @@ def tracing(t: np.ndarray, turn: float = 2.0) -> tuple[Trace, SampleBlock]:
 
 
 @pytest.mark.parametrize(
-    ("ratio", "zero", "longer"),
-    [(RATIO, ZERO, LONGER), (0 * RATIO, ZERO, 0 * LONGER), (RATIO, 0 * ZERO, 0 * LONGER)],
+    ("ratio", "zero", "longer", "mounted"),
+    [
+        (RATIO, ZERO, LONGER, MOUNTED),
+        (0 * RATIO, ZERO, 0 * LONGER, 0 * MOUNTED),
+        (RATIO, 0 * ZERO, 0 * LONGER, 0 * MOUNTED),
+    ],
 )
 def test_errors_of_speeds_are_what_corrections_change(
-    ratio: np.ndarray, zero: np.ndarray, longer: np.ndarray
+    ratio: np.ndarray, zero: np.ndarray, longer: np.ndarray, mounted: np.ndarray
 ) -> None:
     """By positions of the platform a little earlier and later, at the corrected readings."""
     t, step = np.linspace(0.0, 2.0, 160), 1e-5
     trace, part = tracing(t)
     described, robot = trace.dynamics.kinematics, trace.dynamics.robot
-    corrected = compiled(reshaped(robot, longer.tolist(), ())).kinematics
+    corrected = compiled(reshaped(robot, longer.tolist(), mounted.tolist())).kinematics
 
     def turned(t: np.ndarray) -> np.ndarray:
         return corrected.forward(described.inverse(motion_at(t)) * (1 + ratio) + zero)[:, 3]
 
     speed = (turned(t + step) - turned(t - step)) / (2 * step)
     zd = np.linalg.solve(described.jacobian(part.z), part.qd[:, :, None])[:, 3, 0]
-    values = {"gear-ratio": ratio, "zero": zero, "length": longer}
+    values = {"gear-ratio": ratio, "zero": zero, "length": longer, "mounting": mounted}
     expected = TURNS * NORMAL * np.sqrt(np.mean((speed - zd) ** 2))
     assert expected > 0.01
     assert speed_errors([trace], ContestOutcome(robot, values=values)) == pytest.approx(

@@ -10,7 +10,8 @@ import pytest
 from deltaid.checks.evidence import evidence
 from deltaid.checks.identify import Judged
 from deltaid.checks.residual import checked_residual
-from deltaid.effects.effect import causes_of
+from deltaid.effects import load_change
+from deltaid.effects.effect import Cause, causes_of
 from deltaid.effects.load import LoadChange
 from deltaid.effects.load_columns import LoadColumns
 from deltaid.identification.loads import _is_filled
@@ -140,6 +141,28 @@ def test_a_force_that_swings_is_no_load(kind: str) -> None:
     assert "swings" in verdict.cause
     assert "declare" not in verdict.cure
     assert not verdict.proposals
+
+
+@pytest.mark.parametrize(
+    ("weight", "inertia", "spread", "together", "expected"),
+    [
+        (1.0, 0.6, 0.01, 0.0, True),  # other causes act too, but it is nearer to a load
+        (1.0, 0.4, 0.01, 0.0, False),
+        (0.0, 0.1, 0.01, 0.0, False),
+        (-0.1, -0.35, 0.01, 0.0, False),
+        (0.0, 0.1, 0.04, 0.0, True),  # the recording determines neither
+        (1.0, 0.4, 0.2, 0.039, False),  # but their difference
+    ],
+)
+def test_a_load_weighs_as_it_resists(
+    weight: float, inertia: float, spread: float, together: float, expected: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    covariance = np.array([[spread**2, together], [together, spread**2]])
+    monkeypatch.setattr(
+        load_change, "weighed", lambda cause: (np.array([weight, inertia]), covariance)
+    )
+    assert load_change.is_weight(Mock(spec=Cause)) is expected
 
 
 @pytest.mark.parametrize("kind", ["delta4", "par4"])
