@@ -11,12 +11,15 @@ import pytest
 import deltaid
 from calibrated import Machine, as_read, machine, oracle_of, poses_at
 from command import accepted, refused
+from deltaid.calibration import torques
 from deltaid.calibration.torques import GeometryNumbers, torque_rows
 from deltaid.calibration.unknowns import unknowns
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.geometry import torque_slopes
 from deltaid.effects.mounting import Mounting, numbers_of
 from deltaid.effects.point import TracePoint
+from deltaid.identification.contest import Contest
+from deltaid.identification.contest_stage import swept_beside
 from deltaid.robot.load import save_yaml
 from oracle.measured_delta import DRAWINGS, BuiltDelta, built
 from oracle.tree import EZ, Array, rot_z
@@ -65,7 +68,7 @@ def test_slopes_of_torques_by_each_number_are_those_of_machines_built_so(name: s
     q = dynamics.kinematics.inverse(z)
     qd, qdd = rng.normal(0, 1, q.shape), rng.normal(0, 10, q.shape)
 
-    def torques(delta: BuiltDelta) -> Array:
+    def torques_of(delta: BuiltDelta) -> Array:
         zeros, scales = as_read(delta, q.shape[1])
         oracle = oracle_of(delta, robot, p)
         rows = zip(poses_at(oracle, zeros + scales * q, z), scales * qd, scales * qdd, strict=True)
@@ -84,7 +87,7 @@ def test_slopes_of_torques_by_each_number_are_those_of_machines_built_so(name: s
     for k, number in enumerate(known.numbers):
         if number.limb not in (LIMB, -1):
             continue
-        up, down = (torques(off(exact, number.kind, by)) for by in (STEP, -STEP))
+        up, down = (torques_of(off(exact, number.kind, by)) for by in (STEP, -STEP))
         expected = (up - down) / (2 * STEP)
         near = 1e-4 * np.abs(expected).max()
         np.testing.assert_allclose(columns[:, :, k], expected, atol=near, err_msg=number.kind)
@@ -117,6 +120,26 @@ def test_torques_add_to_a_probe_and_what_they_decided_is_said(tmp_path: Path) ->
     assert "log.csv: torques, decide limb1.zero, " in " ".join(done.out.split())
     (row,) = (line for line in done.out.splitlines() if line.startswith("zero, "))
     assert row.split()[-1] == "torques"
+
+
+def test_no_other_error_of_the_description_takes_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any would take what torques say of the numbers."""
+    swept = list[Contest]()
+
+    def spied(*args: object) -> Contest | None:
+        contest = swept_beside(*args)  # pyright: ignore[reportArgumentType]
+        assert contest is not None
+        swept.append(contest)
+        return contest
+
+    monkeypatch.setattr(torques, "swept_beside", spied)
+    delta = machine(CLAVEL, 1, length=1e-3, angle=1e-3, noise=0.005, duration=4.0)
+    known = unknowns(deltaid.load_robot(CLAVEL))
+    torque_rows(deltaid.load_robot(CLAVEL), [delta.recording], None, known, lambda _: None)
+    (contest,) = swept
+    names = {unknown.name for unknown in contest.unknowns}
+    assert "calibration" in names
+    assert not names & {"zero", "length", "mounting", "tilt"}
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from deltaid.checks.signal import checked_signals
 from deltaid.checks.wiring.wiring import checked_wirings
 from deltaid.dynamics.geometry import TorqueSlopes, across, grown_torques
 from deltaid.effects.geometry import GearRatios, Lengths, Tilt, Zeros
-from deltaid.effects.mounting import direction
+from deltaid.effects.mounting import Mounting, direction
 from deltaid.effects.point import Deviations, TracePoint, UnknownEffect
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.drive_rows import ColumnsOfDrives
@@ -96,7 +96,7 @@ def torque_rows(
         IdentificationError, where=source, cure="run deltaid check on this recording first"
     )
     rails = (GearRatios.name,) if "scale" in known.kinds else ()
-    instead = (Zeros.name, Lengths.name, Tilt.name, *rails)
+    instead = (Zeros.name, Lengths.name, Mounting.name, Tilt.name, *rails)
     try:
         with np.errstate(divide="ignore", invalid="ignore"):  # drives at rest
             corrected = run_stages(setup, progress, before=contested)

@@ -91,12 +91,11 @@ class LoadChange(DescribedEffect):
         when = f"at {when}" if times else "steadily"
         if not is_weight(cause):
             weight, inertia = np.abs(weighed(cause)[0])
-            words = f"a force at {first.words} changes, {when}; it is no load: it weighs "
-            return (
-                mass,
-                "kg",
-                f"{words}{weight:.2g} kg and resists acceleration as {inertia:.2g} kg",
+            words = (
+                f"a force at {first.words} changes, {when}; it is no load: it weighs "
+                f"{weight:.2g} kg and resists acceleration as {inertia:.2g} kg"
             )
+            return mass, "kg", words
         if shifts(cause):
             words = f"{first.words}'s centre or inertia changes, and its mass does not, {when}"
             return mass, "kg", words

@@ -95,6 +95,10 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     bare = without_contest(setup)
     if not _traces(bare):
         return setup
+    return _contested(bare, progress).changed(barred_effects=setup.barred_effects)
+
+
+def _contested(bare: Setup, progress: Progress) -> Setup:
     end, bare = _with_late(bare)
     others = [*_again(bare, end.parts), *_from_stiff_gears(bare)] if end.why_not else []
     end = min((o for o in others if _is_better(o, end)), key=lambda o: o.last.noise, default=end)
@@ -114,10 +118,10 @@ def contested(setup: Setup, progress: Progress) -> Setup:
 def _with_late(bare: Setup) -> tuple[_Sweeps, Setup]:
     """Sweeps without the effects that take part late, or with them if the rows need any of them and
     they leave less noise; and the setup of these sweeps."""
-    late = [unknown for unknown in UNKNOWNS if unknown.is_late]
+    late = [u for u in UNKNOWNS if u.is_late and u.name not in bare.barred_effects]
     without = bare.changed(barred_effects=bare.barred_effects.union(u.name for u in late))
     end = _sweeps(without)
-    if not end.full.needs([u for u in late if u.name not in bare.barred_effects]):
+    if not (late and end.full.needs(late)):
         return end, without
     beside = _sweeps(bare)
     return (beside, bare) if _is_better(beside, end) else (end, without)

@@ -1,8 +1,8 @@
 """Loads that a robot carries in a recording, as the user declares them.
 
 A column shows when a load is held, or it is held in spans of time, or always. Over a span it may
-empty or fill steadily. The user states known
-properties; the others are identified. Loads of one name are the same load in all recordings.
+empty or fill steadily. The user states known properties; the others are identified. Loads of one
+name are the same load in all recordings.
 """
 
 from typing import Annotated, Literal
