@@ -11,6 +11,7 @@ from deltaid.effects.point import Deviations, TracePoint, UnknownEffect
 from deltaid.estimation.drive_rows import ColumnsOfDrives
 from deltaid.mechanism.growth import mounting_symbols
 from deltaid.model.corrections import Correction
+from deltaid.model.verdict import plus_minus
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
 from deltaid.robot.mounting import DRIVES, RAILS, leans, moved_and_turned
@@ -45,8 +46,8 @@ class Mounting(UnknownEffect):
             numbers_of(robot), values.tolist(), half.tolist(), strict=True
         ):
             unit, name = names[kind]
-            size = f"{name} {1e3 * value:+.2g} ± {1e3 * wide:.1g} m{unit}"
-            each.setdefault(limb, []).append(size)
+            size = plus_minus(1e3 * value, 1e3 * wide)
+            each.setdefault(limb, []).append(f"{name} {size} m{unit}")
         return tuple(
             Correction(
                 kind="mounting",
