@@ -86,5 +86,5 @@ def numbers_of(robot: RobotDescription) -> tuple[tuple[int, str], ...]:
 def by_limb(robot: RobotDescription, values: Sequence[float]) -> list[Mapping[str, float]]:
     """Values of `numbers_of` by kind, one dictionary a limb."""
     numbers = list(zip(numbers_of(robot), values, strict=True))
-    count = 0 if robot.limbs is None else robot.limbs.count
-    return [{kind: x for (limb, kind), x in numbers if limb == i} for i in range(count)]
+    limbs = range(len(robot.limb_geometry))
+    return [{kind: x for (limb, kind), x in numbers if limb == i} for i in limbs]
