@@ -112,6 +112,13 @@ def test_dates_have_no_unit(tmp_path: Path) -> None:
     assert "time: column t holds dates or times of day, which have no unit" in message
 
 
+def test_durations_have_no_unit(tmp_path: Path) -> None:
+    frame = FRAME.with_columns(t=pl.Series(TICKS).cast(pl.Duration("us")))
+    mapping = ColumnMapping.model_validate({"time": {"column": "t", "unit": "ms"}})
+    message = refusal(samples, frame, tmp_path, mapping)
+    assert "time: column t holds durations, which have no unit" in message
+
+
 def test_dates_and_lists_of_pandas() -> None:
     pandas = pytest.importorskip("pandas")
     plain = {name: FRAME[name].to_numpy() for name in FRAME.columns[4:]}

@@ -67,6 +67,15 @@ def fitted(share: float) -> deltaid.Identification:
     return deltaid.identify(dynamics.robot, table.drop("link1", "link2", "link3"), settings=only)
 
 
+def test_stretches_too_short_for_the_gears_filter_give_no_compliance() -> None:
+    """A logger that loses some rows each second leaves stretches that a fit can use."""
+    dynamics, _, table = wound()
+    columns = table.drop("link1", "link2", "link3").with_row_index()
+    gaps = columns.filter(pl.col("index") % 1000 < 900).drop("index")
+    result = deltaid.identify(dynamics.robot, gaps, settings=Settings(friction="described"))
+    assert not [c for c in result.model.corrections if c.kind == "compliance"]
+
+
 def mass_error(dynamics: Dynamics, p: np.ndarray, true: np.ndarray) -> float:
     z = dynamics.kinematics.home + 0.1 * np.random.default_rng(1).uniform(-1, 1, (20, 3))
     q = dynamics.kinematics.inverse(z)

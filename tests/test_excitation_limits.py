@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
 from deltaid.motion.excitation.excite import ExcitationSettings, Exciter
+from deltaid.motion.random_motion import random_motion
 from deltaid.robot.limits import Box, Cylinder, Hemisphere
 from deltaid.robot.load import load_robot
 from deltaid.view.excitation import verdict
@@ -22,6 +23,21 @@ def test_limits_that_fight_are_named() -> None:
     with pytest.raises(DeltaidError, match=r"drive\d leaves its angle range") as caught:
         Exciter(compiled(robot), ExcitationSettings(starts=1)).optimise()
     assert "workspace" in str(caught.value)
+
+
+@pytest.mark.parametrize("ends", [(-90.0, 90.0), (90.0, 270.0)])
+def test_random_motions_keep_the_range_of_a_telescope(ends: tuple[float, float]) -> None:
+    robot = load_robot("irb360-6-1600")
+    own = robot.drive_limits["drive4"].changed(angle_deg=ends)
+    kinematics = compiled(
+        robot.changed(drive_limits=robot.drive_limits | {"drive4": own})
+    ).kinematics
+    motion = random_motion(kinematics, np.random.default_rng(0))
+    q = kinematics.inverse(motion.evaluate(np.linspace(0, 10, 500))[0])
+    low, high = np.deg2rad(ends)
+    assert low <= q[:, 3].min()
+    assert q[:, 3].max() <= high
+    assert np.ptp(q[:, 3]) > 0.3 * (high - low)
 
 
 def test_a_motion_that_determines_next_to_nothing_is_poor() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+import deltaid
 from command import accepted, run
 from deltaid import load_mapping, load_robot, use_mechanism
 from deltaid.checks.evidence import evidence
@@ -14,6 +15,8 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.forward_dynamics import ForwardDynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import DescriptionError
+from deltaid.exports.handover import reference_states
+from deltaid.exports.text import DOUBLE
 from deltaid.identification.identify import identify
 from deltaid.identification.prediction import validate
 from deltaid.model.verdict import Grade
@@ -162,6 +165,14 @@ def test_the_planar_delta_is_identified_and_simulated(planar: RobotDescription):
     tau = dynamics.torque(home + 0.01, qd, qdd, truth)
     forward = ForwardDynamics(planar)
     assert np.allclose(forward.acceleration(home + 0.01, zd, tau, truth), zdd, atol=1e-9)
+
+
+def test_vectors_of_an_export_are_poses_of_the_planar_delta(planar: RobotDescription) -> None:
+    model = deltaid.load(planar)
+    states = reference_states(model, DOUBLE)
+    z, q = model.dynamics.kinematics.forward_unchecked(states["q"])[0], states["q"]
+    assert z.shape == q.shape == (100, len(planar.drives))
+    np.testing.assert_allclose(z, states["z"], atol=1e-9)
 
 
 def test_one_drive_without_gravity(tmp_path: Path):

@@ -26,6 +26,7 @@ from deltaid.checks.evidence import evidence
 from deltaid.checks.signal import checked_signals
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import RecordingError
+from deltaid.recording.formats.bag_reader import _CHUNK
 from deltaid.recording.formats.ros_messages import decoded
 from deltaid.recording.opening import open_log
 from deltaid.recording.table import open_table
@@ -125,6 +126,21 @@ def test_torques_that_are_not_recorded_are_said(
     with pytest.raises(RecordingError, match=f"effort holds {holds}: no torques are recorded"):
         open_log(path, clavel.kinematics)
     assert f"/joint_states.effort holds {holds}" in refused(path, ["t", address("effort", "a")])
+
+
+@pytest.mark.parametrize("holds", ["empty lists", "NaN only"])
+def test_torques_of_drives_that_are_switched_on_later_are_read(holds: str, tmp_path: Path) -> None:
+    """Neither the first hundred messages nor the first in memory have any."""
+    count = _CHUNK + 400
+    time, q = np.arange(count) / 1000, np.sin(np.arange(count) / 100)
+    empty = np.full(count, np.nan)[:, None] if holds == "NaN only" else np.zeros((count, 0))
+    before, after = (
+        states(time, {"position": q[:, None], "effort": effort}, ["a"])
+        for effort in (empty, q[:, None])
+    )
+    table = open_table(KINDS["mcap"](tmp_path, [*before[: _CHUNK + 100], *after[_CHUNK + 100 :]]))
+    values = read(table, [address("effort", "a")])
+    assert np.array_equal(values[:, 0], q[_CHUNK + 100 :])
 
 
 def test_headers_without_stamps_leave_the_time_of_receipt(tmp_path: Path) -> None:

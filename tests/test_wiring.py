@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 
 from deltaid.checks.evidence import evidence
@@ -20,6 +21,7 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import load_robot
 from drives.cycles import cycling
 from drives.happening import Happening
+from drives.robots import machine
 from drives.sensors import Sensors
 from faults import faulty
 from logs import tabled
@@ -316,6 +318,33 @@ def test_several_recordings_get_one_verdict() -> None:
         ("angle-sign", "drive1", Grade.WRONG)
     ]
     assert not [verdict for verdicts in each for verdict in bad(verdicts)]
+
+
+def test_a_drive_that_is_reversed_in_one_of_two_recordings_is_named_there() -> None:
+    """Judged together, they would make a reversed wrist look like a poor model."""
+    reversed_drive = pl.col("q4", "tau4") * -1
+    made, sensors = Happening(machine("delta4", 0, False), 14.0, 1), Sensors()
+    right, other = (sensors.recorded(happening) for happening in (made, replace(made, seed=2)))
+    records = [
+        evidence(made.machine.robot, log) for log in (right, other.with_columns(reversed_drive))
+    ]
+    common, each = checked_wirings(records)
+    assert not bad(common)
+    assert not bad(each[0])
+    assert [(verdict.key, verdict.subject) for verdict in bad(each[1])] == [
+        ("angle-sign", "drive4")
+    ]
+
+
+def test_a_time_so_much_too_short_that_nothing_can_be_filtered_is_named() -> None:
+    name = "irb360-6-1600"
+    columns = times(without(recorded(name), "qd"), t=1 / 60)
+    (verdict,) = checked_wiring(evidence_of(name, columns))
+    assert (verdict.key, verdict.grade) == ("time-unit", Grade.WRONG)
+    chords = np.abs(np.diff(columns["q"], axis=0)).sum(axis=0) / np.ptp(columns["t"])
+    limits = [load_robot(name).limits_of(f"drive{i + 1}").top_speed for i in range(4)]
+    largest = max(v / most for v, most in zip(chords, limits, strict=True) if most)
+    assert 1.0 < verdict.number <= largest
 
 
 def test_a_torque_column_copied_from_another_drive_is_refused() -> None:

@@ -17,6 +17,7 @@ friction that the description lacks would look like a compliance.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -74,9 +75,14 @@ def compliances(
     fit = _Fit(tuple(traces), rows, np.nan_to_num(stated))
     fit.require_linear()
     _, p = fitted(rows, traces)
-    residuals, p = fit.residuals(fit.known, p)
     none = np.zeros(0)
     nothing = Windup(fit.known, np.zeros((len(stated), 0)), none, np.zeros((0, 0)), none, p)
+    long = [bool(winding.inner(2).trace.stretches) for winding in fit.windings(p)]
+    if not any(long):
+        return nothing
+    traces, wide = (tuple(compress(each, long)) for each in (traces, wide))
+    fit = replace(fit, traces=traces)
+    residuals, p = fit.residuals(fit.known, p)
     free = np.isnan(stated) & np.all([winding.loaded for winding in fit.windings(p)], axis=0)
     if not free.any():
         return nothing

@@ -27,13 +27,13 @@ from deltaid.effects.lag_groups import HARMLESS, FreeTiming, Timing, exceeded
 from deltaid.estimation.drive_rows import ColumnsOfDrives, OfDrives, TraceRows, of_own_drives
 from deltaid.estimation.problem import LinearProblem
 from deltaid.estimation.scatter import CHANCE
-from deltaid.estimation.traces import Delay, Trace
+from deltaid.estimation.traces import LARGEST_LAG, Delay, Trace
 from deltaid.levels import LIKELY, ROUNDS, SURE
 from deltaid.recording.masks.masks import least_about
 from deltaid.recording.windows import SampleBlock
 
 # Largest lag [s], time constant [s] and rate that are estimated; shortest time constant [samples].
-_MOST, _SHORTEST = (0.03, 0.02, 5e-3), 0.5
+_MOST, _SHORTEST = (LARGEST_LAG, 0.02, 5e-3), 0.5
 # Time constants after a reversal until its tail has vanished: to e⁻⁵.
 _TAIL = 5.0
 # Largest error of a time constant and a lag that can be called equal, as a share of the former.

@@ -108,12 +108,14 @@ class Windings:
     def _cut(
         cls, trace: Trace, motors: Gears, carried: Sequence[np.ndarray], lost: int
     ) -> "Windings":
-        """Cut `lost` samples off both ends of each stretch, and drop stretches that end up empty;
-        `carried` is cut already."""
-        pairs = zip(trace.stretches, carried, strict=True)
-        stretches = tuple(w.part(slice(lost, -lost)) for w, c in pairs if c.shape[1] > 0)
-        kept = tuple(c for c in carried if c.shape[1] > 0)
-        return cls(replace(trace, stretches=stretches), motors, kept)
+        """Cut `lost` samples off both ends of each stretch, and drop stretches that end up too
+        short for the trace's filter; `carried` is cut already."""
+        cut = [
+            (w.part(slice(lost, -lost)), c) for w, c in zip(trace.stretches, carried, strict=True)
+        ]
+        kept = [(w, c) for w, c in cut if replace(trace, stretches=(w,)).is_long(0)]
+        stretches, carried = zip(*kept, strict=True) if kept else ((), ())
+        return cls(replace(trace, stretches=stretches), motors, tuple(carried))
 
     def inner(self, times: int) -> "Windings":
         """The same without the ends that this many more passes of the filter need."""

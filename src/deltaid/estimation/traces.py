@@ -25,6 +25,8 @@ from deltaid.recording.windows import WINDOW, SampleBlock
 _FORGOTTEN = 10.0
 # Longest time step within a stretch, over the usual one.
 GAP = 1.5
+# Largest lag by which torques are read later or earlier [s].
+LARGEST_LAG = 0.03
 
 Delay = Float[np.ndarray, " dof"]
 
@@ -128,6 +130,10 @@ class Trace:
         """Samples until the initial state of filters does not matter, and two for slopes."""
         return 2 + int(np.ceil(_FORGOTTEN * max(self.constants, default=0.0) * self.low_pass.rate))
 
+    def is_long(self, lost: int) -> bool:
+        """Whether rows remain if each stretch loses so many samples."""
+        return any(_outputs(self.low_pass, len(run.time) - lost) > 0 for run in self.stretches)
+
     def shifted(self, delay: Delay, growth: LagGrowth | None = None) -> "Trace":
         """The same with torques read `delay` [s] later, as `Repairs` does; `growth` is that of
         delays with time."""
@@ -170,7 +176,7 @@ def trace(
     no influence. Reversals do not count: steps of friction are known only to half a sample.
 
     Raises:
-        RecordingError: the log is too short or too slow to be differentiated.
+        RecordingError: the log is too short or too slow to be differentiated and read at any lag.
     """
     log = recording.log
     columns = log.columns.without_rates
@@ -185,15 +191,22 @@ def trace(
         for first, last in pairwise([0, *gaps.tolist(), len(joined.time)])
         if _outputs(recording.low_pass, last - first) > 0
     )
-    if not stretches:
-        raise RecordingError(
-            "is too short to be filtered", where=str(log.path), cure="give a longer recording"
-        )
     if not joined.weights.any():
         raise RecordingError(
             "has no row that counts", where=str(log.path), cure="give a recording that moves more"
         )
-    return Trace(dynamics, load, stretches, recording.low_pass, recording)
+    record = Trace(dynamics, load, stretches, recording.low_pass, recording)
+    both_ways = [
+        Shift.of_delays((lag,) * dynamics.dof, log.rate, (), None).reach
+        for lag in (LARGEST_LAG, -LARGEST_LAG)
+    ]
+    if not record.is_long(max(map(sum, both_ways))):
+        raise RecordingError(
+            "is too short to be filtered, or has too many gaps",
+            where=str(log.path),
+            cure="give a longer recording",
+        )
+    return record
 
 
 def _shifted(stretch: SampleBlock, shift: Shift, rate: float) -> SampleBlock:

@@ -139,9 +139,10 @@ def random_poses(
 ) -> Float[np.ndarray, "states dof"]:
     """Random task coordinates in a box of `size` times the workspace, turned by at most the
     described angles."""
-    (centre, half), turn = subject.robot.workspace.inner_box, subject.robot.turn
-    r = centre + size * half * rng.uniform(-1, 1, (count, 3))
-    psi = rng.uniform(turn.low, turn.high, (count, subject.dynamics.dof - 3))
+    robot = subject.robot
+    centre, half = map(robot.task.of_point, robot.workspace.inner_box)
+    r = centre + size * half * rng.uniform(-1, 1, (count, len(centre)))
+    psi = rng.uniform(robot.turn.low, robot.turn.high, (count, subject.dynamics.dof - len(centre)))
     return np.hstack([r, min(size, 1.0) * psi])
 
 

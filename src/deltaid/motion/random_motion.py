@@ -80,7 +80,7 @@ def _scaled(
                                          robot.platform_acceleration / zdd[m]])  # fmt: skip
     if task.turn is not None:
         turn, i, share = robot.turn, task.turn, np.inf
-        if robot.platform_turns:  # a telescope turns without end
+        if turn.has_range:
             centre[i], share = 0.5 * (turn.high + turn.low), 0.5 * (turn.high - turn.low) / z[i]
         scale[i] = 0.95 * min(turn.speed / zd[i], turn.acceleration / zdd[i], share)
     return FourierMotion(w0, centre, sine * scale[:, None], cosine * scale[:, None])

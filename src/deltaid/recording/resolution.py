@@ -121,9 +121,12 @@ def _time(table: LogTable, mapping: ColumnMapping) -> TimeChannel:
             "line `time: {rate: 1000}`",
         )
     is_date = field is not None and field[0].is_clock
-    if is_date and (rate is not None or ("unit" in declared and unit not in ("s", *DATES))):
+    is_span = field is not None and field[0].is_duration
+    units = ("s", *DATES) if is_date else ("s",)
+    if (is_date or is_span) and (rate is not None or ("unit" in declared and unit not in units)):
+        kind = "dates or times of day" if is_date else "durations"
         raise RecordingError(
-            f"column {name} holds dates or times of day, which have no unit and no rate",
+            f"column {name} holds {kind}, which have no unit and no rate",
             where=f"{mapping.source}, time",
             cure="leave the unit of time and the rate out",
         )

@@ -55,12 +55,14 @@ class Spring(Part):
 
 @dataclass(frozen=True)
 class TurnLimits:
-    """Limits of the tool's angle ψ [rad], its speed [rad/s] and its acceleration [rad/s²]."""
+    """Limits of the tool's angle ψ [rad], its speed [rad/s] and its acceleration [rad/s²]; without
+    a described range it turns without end, and `low` and `high` are one turn."""
 
     low: float
     high: float
     speed: float
     acceleration: float
+    has_range: bool
 
 
 class RobotDescription(Shown, Plotted, Reported, Part):
@@ -242,11 +244,11 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         if self.platform_turns and not isinstance(p, RigidPlatform):
             low, high = np.deg2rad(p.angle_deg)
             speed, acceleration = np.deg2rad([p.speed_deg_s, p.acceleration_deg_s2])
-            return TurnLimits(float(low), float(high), float(speed), float(acceleration))
+            return TurnLimits(float(low), float(high), float(speed), float(acceleration), True)
         limits = self.limits_of("drive4")
         low, high = limits.range or (-np.pi, np.pi)
-        speed = limits.top_speed or float(np.deg2rad(TOOL_SPEED))
-        return TurnLimits(low, high, speed, limits.top_acceleration or np.inf)
+        speed, most = limits.top_speed or float(np.deg2rad(TOOL_SPEED)), limits.top_acceleration
+        return TurnLimits(low, high, speed, most or np.inf, limits.range is not None)
 
     @property
     def task(self) -> Task:
@@ -255,8 +257,8 @@ class RobotDescription(Shown, Plotted, Reported, Part):
 
     @property
     def home(self) -> Float[np.ndarray, " dof"]:
-        """Middle of the workspace as z [m, rad]; ψ is the middle of the platform's range, or 0."""
-        middle = 0.5 * (self.turn.low + self.turn.high) if self.platform_turns else 0.0
+        """Middle of the workspace as z [m, rad]; ψ is the middle of its range, or 0."""
+        middle = 0.5 * (self.turn.low + self.turn.high) if self.turn.has_range else 0.0
         return self.within(middle)[0]
 
     def within(

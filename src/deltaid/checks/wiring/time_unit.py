@@ -43,6 +43,7 @@ def time_unit_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
     factor = float(np.median(speeds)) if confirmed else factor
     sure, by = confirmed or far > WRONG_SCALE, max(factor, 1 / factor)
     size = f"{by:.3g}" if confirmed else f"about {by:.2g}"
+    rate = float(f"{factor / log.evidence.rows.step:.2g}")
     rest = "" if sure else ", or inertia and viscous friction are not as described"
     yield Verdict(
         "time-unit",
@@ -52,8 +53,8 @@ def time_unit_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
         f"{static:.3g} times",
         cause=f"time is in another unit or cycle, {size} times too "
         f"{'long' if factor > 1 else 'short'}{rest}",
-        cure="declare the unit of the time column or its rate, such as time: {column: t, unit: "
-        "100 us} or time: {rate: 500}",
+        cure="declare the unit of the time column, such as time: {column: t, unit: 100 us}, or the "
+        f"rate, here about time: {{rate: {rate:g}}}",
         number=factor,
     )
 

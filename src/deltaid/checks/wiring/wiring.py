@@ -32,6 +32,8 @@ from deltaid.recording.resolution import extra_drives
 
 # Part of the stretch to search on, if it has enough samples.
 _PART = {"longest": 6.0, "oversampled": 10.0}
+# Number of chords of the motion that bound its speed from below.
+_CHORDS = 32
 # 1 − ρ² below which two columns are one signal; 1 − ρ² of positions above which drives move
 # differently and must have different torques; least ρ² of torques of drives that move alike, up and
 # down.
@@ -41,7 +43,7 @@ _COPIED, _UNLIKE, _APART = np.finfo(float).eps ** 0.5, 1e-5, 0.75
 def checked_wiring(evidence: Evidence) -> tuple[Verdict, ...]:
     """Verdicts on the mapping of positions, velocities and torques.
 
-    Empty where the recording is too short to be filtered.
+    Of a recording that is too short to be filtered, only its speed is judged.
 
     Raises:
         RecordingError: the torque of a drive is a copy of another's, times a factor, though the two
@@ -88,18 +90,22 @@ def checked_wirings(
     each = [
         (*_other_drives(record), *verdicts)
         for k, record in enumerate(records)
-        for verdicts in [over_time[k] or _of_recording(judged[k], common) if k in judged else ()]
+        for verdicts in [
+            over_time[k] or _of_recording(judged[k], common)
+            if k in judged
+            else tuple(_too_fast(record))
+        ]
     ]
     return common or (), each
 
 
 def _goes_with_others(joint: RemappedRecording, alone: RemappedRecording) -> bool:
-    """Whether columns as all recordings share them best make sense in one that does so alone."""
-    return (
-        not joint.good
-        or joint.least_correlation >= SENSIBLE[0]
-        or alone.least_correlation < SENSIBLE[0]
-    )
+    """Whether columns as all recordings share them best make sense in one that does so alone, and
+    its own best ones do not rule them out."""
+    if not joint.good or (alone.best.key != joint.best.key and alone.best.beats(joint.best)):
+        return False
+    sensible = joint.least_correlation >= SENSIBLE[0]
+    return sensible or alone.least_correlation < SENSIBLE[0]
 
 
 def _refuse_rest(records: Sequence[Evidence]) -> None:
@@ -199,6 +205,30 @@ def _upside_down(log: RemappedRecording) -> Iterator[Verdict]:
         proposals=(Proposal("robot", (("gravity", gravity),)),),
         number=along,
     )
+
+
+def _too_fast(record: Evidence) -> Iterator[Verdict]:
+    """A verdict where a drive would exceed its limit between samples far apart, for a recording
+    that is too short to be filtered."""
+    rows, robot = record.rows, record.robot
+    if record.stands or len(rows.time) <= _CHORDS:
+        return
+    few = np.linspace(0, len(rows.time) - 1, _CHORDS + 1).astype(int)
+    seconds = float(np.ptp(rows.time[few]))
+    speeds = np.abs(np.diff(rows.q[few], axis=0)).sum(axis=0) / max(seconds, np.finfo(float).tiny)
+    most = [robot.limits_of(drive).top_speed or np.inf for drive in robot.drives]
+    i = int(np.argmax(speeds / np.array(most)))
+    if speeds[i] > most[i]:
+        unit = f"{robot.units(robot.drives[i]).coordinate}/s"
+        yield Verdict(
+            "time-unit",
+            Grade.WRONG,
+            f"{robot.drives[i]} would move at {speeds[i]:.2g} {unit} on average, and its limit is "
+            f"{most[i]:.2g} {unit}; in {seconds:.2g} s no columns can be judged",
+            cause="time is in another unit",
+            cure="declare the unit of the time column, such as time: {column: t, unit: min}",
+            number=float(speeds[i] / most[i]),
+        )
 
 
 def _senseless(log: RemappedRecording) -> Verdict:

@@ -27,8 +27,8 @@ _CURES = {
     ".mcap": "copy it again; if its recording was cut off, `mcap recover FILE -o NEW` repairs it",
 }
 _FOLDER_CURE = "copy it again; if its recording was cut off, `ros2 bag reindex FOLDER` repairs it"
-# Number of messages in memory at a time.
-_CHUNK = 4096
+# Number of messages in memory at a time, and of the first ones whose joints may differ.
+_CHUNK, _FIRST = 4096, 100
 JOINT_STATE = "sensor_msgs/msg/JointState"
 # For each quantity of a message: quantity in mappings, unit of turning joints, and default name.
 QUANTITIES = {
@@ -204,26 +204,35 @@ def topics_of(bag: Bag) -> list[Topic]:
 
 
 def _topic(bag: Bag, name: str) -> Topic | None:
-    chunk = next(bag.messages([name]), [])[:100]
-    if not chunk:
-        return None
-    raws, kind = [raw for _, _, raw in chunk], bag.topics[name]
-    try:
-        layouts = (layout_of(raw, kind, bag.cdr) for raw in raws)
-        numbers = list(dict.fromkeys(key for layout in layouts for key in layout.numbers))
-        stamps, values = decoded(raws, numbers, kind, bag.cdr)
-    except MessageError as error:
-        raise damaged(bag, name, error, 0) from None
+    """A topic by its first messages, or by more as long as a quantity has no numbers: drives that
+    are switched on later have no torques before."""
+    kind, before, first, received = bag.topics[name], 0, 0, None
     joints: dict[str, tuple[str, ...]] = {}
     hollow = dict.fromkeys(QUANTITIES, "empty lists") if kind == JOINT_STATE else {}
-    for (quantity, joint), column in zip(numbers, values.T, strict=True):
-        if np.isfinite(column).any():
-            joints[quantity] = (*joints.get(quantity, ()), joint)
-        else:
-            hollow[quantity] = "NaN only"
-    hollow = {quantity: why for quantity, why in hollow.items() if quantity not in joints}
-    first = next(iter(stamps[stamps != 0].tolist()), 0)
-    return Topic(name, kind, joints, hollow, first, received=chunk[0][1])
+    for chunk in bag.messages([name]):
+        raws = [raw for _, _, raw in chunk]
+        try:
+            stamps, _ = decoded(raws, (), kind, bag.cdr)
+            shown = (*raws[:_FIRST], *{len(raw): raw for raw in raws}.values())
+            layouts = (layout_of(raw, kind, bag.cdr) for raw in shown)
+            numbers = list(dict.fromkeys(key for layout in layouts for key in layout.numbers))
+            _, values = decoded(raws, numbers, kind, bag.cdr)
+        except MessageError as error:
+            raise damaged(bag, name, error, before) from None
+        full = dict[str, tuple[str, ...]]()
+        for (quantity, joint), column in zip(numbers, values.T, strict=True):
+            if np.isfinite(column).any():
+                full[quantity] = (*full.get(quantity, ()), joint)
+            else:
+                hollow[quantity] = "NaN only"
+        joints = full | joints
+        hollow = {quantity: why for quantity, why in hollow.items() if quantity not in joints}
+        first = first or next(iter(stamps[stamps != 0].tolist()), 0)
+        received = chunk[0][1] if received is None else received
+        before += len(chunk)
+        if not hollow:
+            break
+    return None if received is None else Topic(name, kind, joints, hollow, first, received)
 
 
 def damaged(bag: Bag, topic: str, error: MessageError, before: int) -> RecordingError:
