@@ -13,7 +13,7 @@ from deltaid.checks.closed_loop import checked_feedback
 from deltaid.checks.evidence import Evidence, evidence, forget, with_fit
 from deltaid.checks.information import checked_information, judged_information
 from deltaid.checks.proposals import confirmed, not_refuted
-from deltaid.checks.residual import checked_residual, detected_load
+from deltaid.checks.residual import checked_residual, detected_load, load_held_throughout
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
 from deltaid.checks.verdicts import KEYS, Verdicts, changes, files_of, pasted
@@ -184,13 +184,16 @@ def _after_fit(
     studies = result.studies or (None,) * len(opened)
     for record, recording, study in zip(opened, result.recordings, studies, strict=True):
         fitted = with_fit(record, problem, recording, study)
-        detected = (result.detected.get(load.name) for load in recording.log.columns.loads)
+        names = [load.name for load in recording.log.columns.loads if load.name in result.detected]
+        detected = [result.detected[name] for name in names]
+        throughout = {name for name in names if result.detected[name] is None}
         judged = (
             *checked_signals(fitted),
             *(() if several else checked_information(fitted)),
             *checked_residual(fitted),
             *checked_feedback(fitted),
             *(detected_load(before) for before in detected if before is not None),
+            *(load_held_throughout(l) for l in result.model.loads if l.name in throughout),
         )
         if not (fitted.settings.keep_all or fitted.stands):
             judged = tuple(verdict for verdict in judged if verdict.key not in _MASKED)

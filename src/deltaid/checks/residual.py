@@ -24,7 +24,8 @@ from deltaid.effects.unexplained import FreeTorque, in_words
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
 from deltaid.identification.study import ADEQUATE, Study, longest, rest_of_each_drive, unexplained
-from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
+from deltaid.model.parameter_record import HeldLoad
+from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, graded, listed, percent
 from deltaid.recording.recording import PreparedRecording
 
 # Share of a drive's torque from which a cause is wrong instead of doubtful.
@@ -101,6 +102,24 @@ def detected_load(study: Study) -> Verdict:
     assert verdict is not None
     seen = f"{verdict.seen}, and it is identified with the robot"
     return replace(verdict, grade=Grade.DOUBTFUL, seen=seen, cure=_DECLARE)
+
+
+def load_held_throughout(load: HeldLoad) -> Verdict:
+    """Verdict on an undeclared load of a whole recording, by other recordings without it."""
+    mass = load.parameters[0].value
+    named = ("load.name", load.name), ("load.always", True)
+    return Verdict(
+        "load-change",
+        Grade.DOUBTFUL,
+        f"{load.body} weighs {mass:.2g} kg more than in the lightest recording, and the difference "
+        "is identified as a load",
+        cause="a load is held in the whole recording",
+        cure="declare it in the mapping (load: {always: true}) or, if the lightest recording is "
+        "the wrong one, identify without that",
+        proposals=(Proposal("mapping", named),),
+        number=mass,
+        unit="kg",
+    )
 
 
 def _verdict(cause: Cause, recording: PreparedRecording) -> Verdict | None:

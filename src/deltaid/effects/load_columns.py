@@ -164,6 +164,8 @@ class LoadColumns(Addition):
         when = "where that is declared"
         if self.is_detected:
             when = "in spans that were detected and no mapping declares"
+        if self.is_detected and self.load.always:
+            when = "in the whole recording, which no mapping declares"
         origin = "is known" if known else "was identified with the robot"
         without = "the model is of the robot without it"
         empties = "" if self.load.course is None else f"; it {self.load.course} steadily"

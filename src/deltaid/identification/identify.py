@@ -58,7 +58,7 @@ class Identification(Shown, Plotted, Tabled, Reported):
     problem: FittedProblem
     recordings: tuple[PreparedRecording, ...]
     studies: tuple[Study | None, ...] = ()
-    detected: Mapping[str, Study] = field(default_factory=dict[str, Study])
+    detected: Mapping[str, Study | None] = field(default_factory=dict[str, Study | None])
 
     def __getitem__(self, name: str) -> float:
         """One parameter of the model by name, such as result["P.m"].

@@ -182,15 +182,14 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
     first, detected = setup, dict(setup.detected)
     for k, study in enumerate(setup.studies):
         recording = setup.recordings[k]
-        # One name a recording: two may hold different loads.
-        name = f"undeclared-{recording.log.sha256[:8]}"
+        name = undeclared_name(recording)
         if study is None or name in setup.barred_effects:
             continue
         if held_load := _detected(setup, study, recording):
             study, load = held_load
             load = load.changed(name=name)
-            holding = _holding(recording, load, 1.0 / study.fit.trace.low_pass.cutoff)
-            setup, detected[load.name] = setup.with_recording(k, holding), study
+            held = holding(recording, load, 1.0 / study.fit.trace.low_pass.cutoff)
+            setup, detected[load.name] = setup.with_recording(k, held), study
     if len(detected) > len(first.detected):
         setup = declared_loads(setup.changed(detected=detected), progress)
         setup = without_events(setup, progress)
@@ -274,7 +273,12 @@ def load_change(study: Study) -> Cause | None:
     return next((cause for cause in causes if cause.kind == LOAD_CHANGE), None)
 
 
-def _holding(recording: PreparedRecording, load: Load, about: float) -> PreparedRecording:
+def undeclared_name(recording: PreparedRecording) -> str:
+    """One name a recording: two may hold different loads."""
+    return f"undeclared-{recording.log.sha256[:8]}"
+
+
+def holding(recording: PreparedRecording, load: Load, about: float = 0.0) -> PreparedRecording:
     """A recording with a load, without rows closer to its changes than their uncertainty [s]."""
     columns, kept = recording.log.columns, recording.repairs.left_out
     log = replace(recording.log, columns=replace(columns, loads=(*columns.loads, load)))

@@ -98,7 +98,8 @@ class Setup:
         inspects_every_row: whether every row is inspected for events, not only excerpts.
         inspected_by_excerpt: numbers of the recordings of which only an excerpt was inspected.
         studies: of each recording before undeclared causes are corrected; empty at first.
-        detected: studies that detected undeclared loads, by the loads' names.
+        detected: studies that detected undeclared loads, by the loads' names; None for loads of
+            whole recordings, which no study of one recording shows.
         outcome: of the contest of causes.
     """
 
@@ -114,7 +115,7 @@ class Setup:
     inspects_every_row: bool = False
     inspected_by_excerpt: tuple[int, ...] = ()
     studies: tuple[Study | None, ...] = ()
-    detected: Mapping[str, Study] = field(default_factory=dict[str, Study])
+    detected: Mapping[str, Study | None] = field(default_factory=dict[str, Study | None])
     outcome: ContestOutcome | None = None
 
     @property

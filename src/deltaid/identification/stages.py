@@ -34,6 +34,7 @@ from deltaid.identification.loads import declared_loads, undeclared_loads
 from deltaid.identification.setup import Progress, Setup, Stage
 from deltaid.identification.uncertainty import covariance, uncertainty
 from deltaid.identification.warmth import changing_friction
+from deltaid.identification.whole_loads import loads_of_whole_recordings
 from deltaid.model.parameter_record import JointTerm
 
 
@@ -108,6 +109,7 @@ STAGES: tuple[Stage, ...] = (
     gains,
     lags_corrected,
     gears_searched,
+    loads_of_whole_recordings,
     undeclared_loads,
     contested,
     events_anew,
