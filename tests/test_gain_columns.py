@@ -313,14 +313,27 @@ def test_each_recording_has_a_drift_of_its_own() -> None:
     assert len({correction.log for correction in corrections}) == 2
 
 
+def test_a_recording_may_have_other_torque_constants_than_the_first() -> None:
+    """As of a motor that was warm already, or of a drive with another scale since."""
+    made = case("clean", "delta3", 1)
+    (log,) = made.logs
+    half = len(log) // 2
+    second = log[half:].with_columns(pl.col("t") - log["t"][half], pl.col("tau1") * 1.08)
+    made = replace(made, logs=(log[:half], second))
+    result = identified(made)
+    values = [c.value for c in result.model.corrections if c.kind == "torque-drift"]
+    assert values == pytest.approx([0.0] * 3 + [8.0, 0.0, 0.0], abs=0.5)
+    assert judge(made, result).M < 0.005
+
+
 def test_drift_is_undone_exactly() -> None:
-    drift = TorqueDrift(2.0, 10.0, ((0.1, -0.02), (-0.3, 0.05)))
+    drift = TorqueDrift(2.0, 10.0, ((0.1, -0.02, 0.07), (-0.3, 0.05, 0.0)))
     rng, time = np.random.default_rng(3), np.linspace(2.0, 12.0, 50)
     tau, names = rng.standard_normal((50, 2)), ("tau1", "tau2")
     torques = tuple(Channel(name, 1.0, 0.0) for name in names)
     columns = Columns(TimeChannel("t", 1.0, 0.0), (), (), (), torques)
     share = (time - 2.0) / 10.0
     recorded = tau * np.column_stack([
-        1 + 0.1 * share - 0.02 * share**2, 1 - 0.3 * share + 0.05 * share**2
+        1.07 + 0.1 * share - 0.02 * share**2, 1 - 0.3 * share + 0.05 * share**2
     ])  # fmt: skip
     assert drift.undone(np.column_stack([time, recorded]), columns)[:, 1:] == pytest.approx(tau)

@@ -1,7 +1,8 @@
-"""Torque constants that drift along a recording, as magnets lose some of their field in the heat.
+"""Torque constants that drift along recordings, as magnets lose some of their field in the heat.
 
-A drive records τ_m = (1 + a s + b s²) τ with s from 0 at the beginning of a recording to 1 at its
-end: torques are referred to the torque constant at the beginning.
+A drive records τ_m = (1 + a s + b s² + c) τ with s from 0 at the beginning of a recording to 1 at
+its end, and c = 0 in the first recording: torques are referred to the torque constant at its
+beginning.
 """
 
 from collections.abc import Iterable
@@ -15,7 +16,7 @@ from deltaid.model.verdict import percent
 
 
 class GainOverTime(UnknownEffect, DescribedEffect):
-    """a, b of each drive, with the columns τ s and τ s²."""
+    """a, b, c of each drive, with the columns τ s, τ s² and, after the first recording, τ."""
 
     name = "torque-drift"
     corrects = "readings"
@@ -26,9 +27,9 @@ class GainOverTime(UnknownEffect, DescribedEffect):
     is_contested = True
     unit = "%"
     text = (
-        "its torque constant drifts along the recording, by this to its end, as magnets do that "
-        "warm up, or in all drives equally where the mass at the tool changes: torques are read as "
-        "it was at the beginning"
+        "its torque constant changes by this from the beginning of the first recording to the end "
+        "of this one, as when magnets warm up or, equally in all drives, when the mass at the tool "
+        "changes; torques are corrected for it"
     )
     likeliest = (
         "magnets lose some of their field while motors warm up; in all drives equally, the mass at "
@@ -38,7 +39,10 @@ class GainOverTime(UnknownEffect, DescribedEffect):
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
         s = point.trace.recording.drifting().share(point.motion.time)
-        return of_own_drives(np.stack([point.model * s, point.model * s**2], axis=2))
+        later = 0.0 if point.is_first else 1.0
+        return of_own_drives(
+            np.stack([point.model * s, point.model * s**2, point.model * later], axis=2)
+        )
 
     def candidates(self, fit: RigidFit) -> Iterable[EffectCandidate]:
         """Of one drive or of all: steadily, or in an arc."""

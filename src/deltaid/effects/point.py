@@ -62,6 +62,7 @@ class TracePoint:
     # empty if these of this recording count
     fastest: dict[str, float] = field(default_factory=dict[str, float], kw_only=True)
     highest: tuple[float, ...] = field(default=(), kw_only=True)
+    is_first: bool = field(default=True, kw_only=True)  # whether others are compared with it
 
     @property
     def dynamics(self) -> Dynamics:
@@ -192,7 +193,10 @@ def points_of(traces: Sequence[Trace], p: Parameters) -> list[TracePoint]:
     points = [TracePoint(trace, p) for trace in traces]
     fastest = {name: max(point.speeds[name] for point in points) for name in points[0].speeds}
     highest = np.max([trace.recording.log.torque_max for trace in traces], axis=0)
-    return [replace(point, fastest=fastest, highest=tuple(highest.tolist())) for point in points]
+    return [
+        replace(point, fastest=fastest, highest=tuple(highest.tolist()), is_first=k == 0)
+        for k, point in enumerate(points)
+    ]
 
 
 class UnknownEffect(ABC):

@@ -50,7 +50,7 @@ def with_readings(bare: Setup, outcome: ContestOutcome, p: Parameters) -> Setup:
         largest=tuple(largest.tolist()) if falling else (),
     )
     setup, wound = bare, outcome.coefficients(WIND_UP)
-    drifts = np.reshape(outcome.coefficients("torque-drift"), (len(outcome.recordings), -1, 2))
+    drifts = np.reshape(outcome.coefficients("torque-drift"), (len(outcome.recordings), -1, 3))
     drifting = dict(zip(outcome.recordings, drifts.tolist(), strict=True)) if drifts.size else {}
     for recording in bare.recordings:
         gears = None

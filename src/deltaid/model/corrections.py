@@ -87,10 +87,11 @@ class Source(Part):
         description="rate at which the delay grows, time at which it has the value above, and "
         "largest distance of other times from that [s]; missing if the clocks agree",
     )
-    drift: tuple[tuple[float, float], ...] = Field(
+    drift: tuple[tuple[float, float] | tuple[float, float, float], ...] = Field(
         default=(),
-        description="drift of torque constants along the recording, a s + b s² at the share s of "
-        "its time: a and b of each drive; empty without drift",
+        description="drift of torque constants since the beginning of the first recording, "
+        "a s + b s² + c at the share s of this one's time: a, b and c of each drive, c missing in "
+        "earlier files; empty without drift",
     )
     events: tuple[Event, ...] = Field(
         default=(),

@@ -89,9 +89,10 @@ class PreparedRecording(Shown):
         return replace(self, repairs=replace(self.repairs, **repairs))
 
     def drifting(self, coefficients: Iterable[Sequence[float]] = ()) -> TorqueDrift:
-        """Drift of torque constants over the recording, by a and b of each drive."""
-        log, pairs = self.log, tuple((a, b) for a, b in coefficients)
-        return TorqueDrift(log.clock.first, log.samples / log.rate, pairs)
+        """Drift of torque constants over the recording, by a, b and c of each drive; models of
+        before have no c."""
+        log, each = self.log, tuple((a, b, sum(c)) for a, b, *c in coefficients)
+        return TorqueDrift(log.clock.first, log.samples / log.rate, each)
 
     @property
     def brief(self) -> "PreparedRecording":

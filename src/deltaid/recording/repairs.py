@@ -212,26 +212,27 @@ def burden_of(
 
 @dataclass(frozen=True)
 class TorqueDrift:
-    """Torque constants that drift along a recording: τ_m = (1 + a s + b s²) τ, s = (t − t_0)/T.
+    """Torque constants that drift along a recording: τ_m = (1 + a s + b s² + c) τ, where
+    s = (t − t_0)/T.
 
     Attributes:
         start, length: t_0 and T [s].
-        coefficients: a and b of each drive.
+        coefficients: a, b and c of each drive.
     """
 
     start: float
     length: float
-    coefficients: tuple[tuple[float, float], ...] = ()
+    coefficients: tuple[tuple[float, float, float], ...] = ()
 
     def share(self, time: Float[np.ndarray, " samples"]) -> Float[np.ndarray, " samples"]:
         """Share s of the recording at given times [s]."""
         return (time - self.start) / self.length
 
     def undone(self, rows: Rows, columns: Columns) -> Rows:
-        """Rows with torques τ, by the torque constants at the beginning."""
-        (a, b), s = np.array(self.coefficients).T, self.share(rows[:, 0])[:, None]
+        """Rows with torques τ, by the torque constants at the beginning of the first recording."""
+        (a, b, c), s = np.array(self.coefficients).T, self.share(rows[:, 0])[:, None]
         rows = rows.copy()
-        rows[:, columns.torque_places] /= 1.0 + a * s + b * s**2
+        rows[:, columns.torque_places] /= 1.0 + a * s + b * s**2 + c
         return rows
 
 
