@@ -4,7 +4,6 @@
 
 Robots and torques are those of the tests' oracle. A fix is applied to the mapping and the mapped
 columns are compared with the true ones. Writes `tables/wiring.md`: so far of two seeds, where 20
-are stated.
 """
 
 import time

@@ -28,8 +28,8 @@ class GainOverTime(UnknownEffect, DescribedEffect):
     unit = "%"
     text = (
         "its torque constant changes by this from the beginning of the first recording to the end "
-        "of this one, as when magnets warm up or, equally in all drives, when the mass at the tool "
-        "changes; torques are corrected for it"
+        "of this one, and torques are corrected for it; magnets that warm up do this or, equally "
+        "in all drives, a mass at the tool that changes"
     )
     likeliest = (
         "magnets lose some of their field while motors warm up; in all drives equally, the mass at "
