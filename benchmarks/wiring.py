@@ -3,7 +3,7 @@
     python benchmarks/wiring.py [--seeds N] [--first N] [--kinds A,B] [--motions A,B] [--faults A,B]
 
 Robots and torques are those of the tests' oracle. A fix is applied to the mapping and the mapped
-columns are compared with the true ones. Writes `tables/wiring.md`: so far of two seeds, where 20
+columns are compared with the true ones. Writes `tables/wiring.md`.
 """
 
 import time
