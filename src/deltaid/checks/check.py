@@ -19,7 +19,7 @@ from deltaid.checks.evidence import Evidence, evidence
 from deltaid.checks.information import checked_information, information_of, judged_information
 from deltaid.checks.priors import checked_inertia, checked_measured
 from deltaid.checks.proposals import confirmed, not_refuted
-from deltaid.checks.residual import checked_residual
+from deltaid.checks.residual import checked_residual, load_held_throughout
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
 from deltaid.checks.verdicts import Verdicts, as_written, changes, with_changes
@@ -27,6 +27,8 @@ from deltaid.checks.wiring.wiring import checked_wirings
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError, LostReadingError
 from deltaid.estimation.information import Information, merge
+from deltaid.identification.study import Study
+from deltaid.identification.whole_loads import heavier
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.progress import Watch, watched
@@ -81,7 +83,8 @@ def check(
             say("checking the columns of all recordings")
         common, on_columns = checked_wirings(records)
         informations, strokes, of_logs = list[Information](), list[np.ndarray](), list[Verdict]()
-        for record, wiring in zip(records, on_columns, strict=True):
+        studies = dict[int, Study | None]()
+        for k, (record, wiring) in enumerate(zip(records, on_columns, strict=True)):
             say(f"checking {record.source}")
             _ = record.rows  # an unreadable recording is an error and no verdict
             judged, common = not_refuted(record, judged), not_refuted(record, common)
@@ -92,9 +95,13 @@ def check(
             on_log = confirmed(record, on_log)
             of_logs += named_verdicts(record, on_log, several=several)
             wrong = Grade.WRONG in (worst(common), worst(on_log))
+            if several and not (wrong or record.stands or record.columns.loads):
+                studies[k] = record.study
             if several and not (wrong or record.stands) and (known := information_of(record)):
                 informations.append(known)
                 strokes.append(record.moved)
+        for k, excess in heavier(studies).items():
+            of_logs += named_verdicts(records[k], [load_held_throughout(excess)], several=True)
         if informations and len(informations) == sum(not record.stands for record in records):
             say("checking what they determine together")
             of_logs += judged_information(compiled(description), merge(informations), strokes)

@@ -30,6 +30,7 @@ from deltaid.identification.fit import FittedProblem
 from deltaid.identification.geometric_rows import geometric_rows
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
+from deltaid.identification.whole_loads import ExcessMass
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.progress import Watch, watched
@@ -193,7 +194,11 @@ def _after_fit(
             *checked_residual(fitted),
             *checked_feedback(fitted),
             *(detected_load(before) for before in detected if before is not None),
-            *(load_held_throughout(l) for l in result.model.loads if l.name in throughout),
+            *(
+                load_held_throughout(ExcessMass(load.body, load.parameters[0].value))
+                for load in result.model.loads
+                if load.name in throughout
+            ),
         )
         if not (fitted.settings.keep_all or fitted.stands):
             judged = tuple(verdict for verdict in judged if verdict.key not in _MASKED)

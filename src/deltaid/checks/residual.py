@@ -24,8 +24,8 @@ from deltaid.effects.unexplained import FreeTorque, in_words
 from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
 from deltaid.identification.study import ADEQUATE, Study, longest, rest_of_each_drive, unexplained
-from deltaid.model.parameter_record import HeldLoad
-from deltaid.model.verdict import Fault, Grade, Proposal, Verdict, graded, listed, percent
+from deltaid.identification.whole_loads import ExcessMass
+from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.recording import PreparedRecording
 
 # Share of a drive's torque from which a cause is wrong instead of doubtful.
@@ -104,20 +104,16 @@ def detected_load(study: Study) -> Verdict:
     return replace(verdict, grade=Grade.DOUBTFUL, seen=seen, cure=_DECLARE)
 
 
-def load_held_throughout(load: HeldLoad) -> Verdict:
+def load_held_throughout(excess: ExcessMass) -> Verdict:
     """Verdict on an undeclared load of a whole recording, by other recordings without it."""
-    mass = load.parameters[0].value
-    named = ("load.name", load.name), ("load.always", True)
     return Verdict(
         "load-change",
         Grade.DOUBTFUL,
-        f"{load.body} weighs {mass:.2g} kg more than in the lightest recording, and the difference "
-        "is identified as a load",
+        f"{excess.body} weighs {excess.mass:.2g} kg more than in the lightest recording",
         cause="a load is held in the whole recording",
-        cure="declare it in the mapping (load: {always: true}) or, if the lightest recording is "
-        "the wrong one, identify without that",
-        proposals=(Proposal("mapping", named),),
-        number=mass,
+        cure="declare it in the mapping (load: {always: true}); until then the lightest recording "
+        "counts as empty, and what others hold in addition is identified as a load",
+        number=excess.mass,
         unit="kg",
     )
 

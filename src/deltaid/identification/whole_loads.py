@@ -5,8 +5,9 @@ also torque constants, friction, offsets or zeros may differ between them. So al
 compete for the torques of both, as if each acted in one of them only.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from deltaid.estimation.problem import Span
 from deltaid.identification.lags_and_gears import estimated_anew
 from deltaid.identification.loads import declared_loads, holding, undeclared_name
 from deltaid.identification.setup import Progress, Setup
-from deltaid.identification.study import LOAD_CHANGE
+from deltaid.identification.study import LOAD_CHANGE, Study
 from deltaid.levels import FAINT
 from deltaid.recording.carried import Load
 
@@ -31,10 +32,17 @@ def loads_of_whole_recordings(setup: Setup, progress: Progress) -> Setup:
     """Identify what the heavier recordings hold as loads; the lightest one is without load."""
     if setup.settings.effects == "none":
         return setup
+    pairs = zip(setup.recordings, setup.studies, strict=False)  # no studies where none is needed
+    studies = {
+        k: study
+        for k, (recording, study) in enumerate(pairs)
+        if not recording.log.columns.loads
+        and undeclared_name(recording) not in setup.barred_effects
+    }
     detected = dict(setup.detected)
-    for k, body in _heavier(setup).items():
+    for k, excess in heavier(studies).items():
         recording = setup.recordings[k]
-        load = Load(always=True, name=undeclared_name(recording), body=body)
+        load = Load(always=True, name=undeclared_name(recording), body=excess.body)
         detected[load.name] = None
         setup = setup.with_recording(k, holding(recording, load))
     if len(detected) == len(setup.detected):
@@ -43,29 +51,37 @@ def loads_of_whole_recordings(setup: Setup, progress: Progress) -> Setup:
     return estimated_anew(setup.studied(), progress)
 
 
-def _heavier(setup: Setup) -> dict[int, str]:
-    """Numbers of the recordings whose carrier is heavier than in the lightest, and the carrier."""
-    fits = {
-        k: study.fit
-        for k, (recording, study) in enumerate(zip(setup.recordings, setup.studies, strict=False))
-        if study is not None
-        and not study.is_disturbed
-        and not recording.log.columns.loads
-        and undeclared_name(recording) not in setup.barred_effects
-    }
+class ExcessMass(NamedTuple):
+    """A body that is heavier in one recording than in the lightest of several [kg]."""
+
+    body: str
+    mass: float
+
+
+def heavier(studies: Mapping[int, Study | None]) -> dict[int, ExcessMass]:
+    """The excess mass of recordings that hold a load from beginning to end, by their numbers.
+
+    Args:
+        studies: of recordings of one machine without declared loads, by their numbers.
+    """
+    fits = {k: study.fit for k, study in studies.items() if study and not study.is_disturbed}
     if len(fits) < 2:
         return {}
     first, *others = fits
-    heavier = {first: (0.0, "")} | {k: _difference(fits[first], fits[k]) for k in others}
-    lightest = min(mass for mass, _ in heavier.values())
-    largest = max(mass for mass, _ in heavier.values()) - lightest
-    body = next((body for _, body in heavier.values() if body), "")
-    return {k: body for k, (mass, _) in heavier.items() if mass - lightest > 0.5 * largest}
+    masses = {first: ExcessMass("", 0.0)} | {k: _difference(fits[first], fits[k]) for k in others}
+    lightest = min(excess.mass for excess in masses.values())
+    largest = max(excess.mass for excess in masses.values()) - lightest
+    body = next((excess.body for excess in masses.values() if excess.body), "")
+    return {
+        k: ExcessMass(body, excess.mass - lightest)
+        for k, excess in masses.items()
+        if excess.mass - lightest > 0.5 * largest
+    }
 
 
-def _difference(first: RigidFit, second: RigidFit) -> tuple[float, str]:
-    """By how much a body is heavier in the second recording [kg], and which; 0 where something else
-    explains what differs."""
+def _difference(first: RigidFit, second: RigidFit) -> ExcessMass:
+    """By how much a body is heavier in the second recording; 0 where something else explains what
+    differs."""
     span = Span.of_columns(np.vstack([fit.rows.stack(fit.Y) for fit in (first, second)]))
     tau = np.concatenate([first.tau, second.tau])
     groups = np.concatenate([first.rows.groups, second.rows.groups + first.rows.groups.max() + 1])
@@ -75,10 +91,10 @@ def _difference(first: RigidFit, second: RigidFit) -> tuple[float, str]:
     ]
     found = account(candidates, lambda _: (), groups, span, span.without(tau))
     if not found.detected or found.detected[0].candidate.kind != LOAD_CHANGE:
-        return 0.0, ""
+        return ExcessMass("", 0.0)
     columns = found.detected[0].candidate.columns
     change = np.linalg.lstsq(span.without(columns), tau, rcond=FAINT)[0]
-    return float(change[0]), found.detected[0].candidate.words
+    return ExcessMass(found.detected[0].candidate.words, float(change[0]))
 
 
 def _candidates(fit: RigidFit) -> Iterator[EffectCandidate]:
