@@ -339,7 +339,7 @@ def test_a_refusal_that_proposes_nothing_offers_nothing_to_write() -> None:
     wrong = Verdict("limits", Grade.WRONG, "what was seen", "", "a cause", "a cure")
     with pytest.raises(DescriptionError) as caught:
         _refuse([wrong], load_robot("clavel-delta3"), False)
-    assert "`deltaid check` shows more, --force goes on" in str(caught.value)
+    assert "`deltaid check` shows more, --force continues" in str(caught.value)
 
 
 def test_a_refused_recording_of_several_is_named_once(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def test_no_message_names_an_option_on_a_page() -> None:
         ("check these with `deltaid check`", "check these with the page Check"),
         ("give --payload MASS too", "give “payload” MASS too"),
         ("12 -- 14 rows", "12 -- 14 rows"),
-        ("repair it; `deltaid check` shows more, --force goes on as it is",
+        ("repair it; `deltaid check` shows more, --force continues anyway",
          "repair it; the page Check shows more"),
     ],
 )  # fmt: skip

@@ -162,7 +162,7 @@ def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence, f
         raise (DescriptionError if robot else RecordingError)(
             verdict.finding,
             where=subject.name if robot else str(subject.table.path),
-            cure=f"{verdict.cure}; `deltaid check` shows more{writes}, --force goes on as it is"
+            cure=f"{verdict.cure}; `deltaid check` shows more{writes}, --force continues anyway"
             f"{lines}",
         )
 

@@ -83,12 +83,13 @@ def _common(study: Study, cost: str, grade: Grade) -> Verdict:
     lag, half = _common_lag(study)
     rows = 1e-3 * lag * study.fit.trace.low_pass.rate
     return _LAG.judged(
-        f"torques come {plus_minus(abs(lag), half)} ms {_late(lag)} against positions; {cost}",
+        f"torque {'lags' if lag > 0 else 'leads'} position by {plus_minus(abs(lag), half)} ms; "
+        f"{cost}",
         "",
         lag,
         grade=grade,
-        cause="torque and position are not of the same instant: a filter in the torque's way, a "
-        "bus cycle, or two clocks",
+        cause="torque and position are sampled at different instants: a torque filter, a bus "
+        "cycle, or two clocks",
         cure="record both in the same cycle of the controller and without filter, or shift the "
         f"torque columns by {-rows:+.2g} rows ({-lag:+.3g} ms)",
     )
@@ -123,7 +124,7 @@ def _agreement(study: Study) -> str:
         return f"torques and positions agree in time: {lag}"
     corrected = [f"{1e3 * abs(delay):.3g} ms {_late(delay)}" * bool(delay) for delay in applied]
     shift = corrected[0] if len(set(applied)) == 1 else _by_drive(study.fit.drives, corrected)
-    return f"torques came {shift} against positions, which has been corrected: {lag} remain"
+    return f"torques were {shift} relative to positions; corrected, {lag} remain"
 
 
 def _by_drive(drives: Sequence[str], texts: Sequence[str]) -> str:

@@ -33,8 +33,8 @@ _NOISY, _NOTHING_ELSE = 0.06, 0.9
 _AT_REST: tuple[Reason, ...] = ("standing still", "on brakes", "emergency stop")
 _RATE = Fault("rate", "samples", "the recording is too slow for this motion")
 _TOO_SLOW = (
-    "the recording is too slow to be differentiated: what is faster than a sixteenth of the rate "
-    "is bent or cut away"
+    "the sampling rate is too low to differentiate: content above a sixteenth of the rate is "
+    "distorted or removed"
 )
 _ENCODER = Fault(
     "encoder-step",
@@ -50,8 +50,8 @@ _CLOCK = Fault(
     "bridged, and rows put on an even grid",
 )
 _UNEVEN = (
-    "positions scatter with speed as if rows were taken {share} of the {period} from where their "
-    "even stamps say"
+    "positions scatter with speed as if rows were sampled {share} of the {period} off their even "
+    "stamps"
 )
 _INCOMPLETE_ROWS = (
     "rows that lack a number in a used column are excluded (see warnings)",
@@ -59,9 +59,9 @@ _INCOMPLETE_ROWS = (
 )
 _PAUSE = (
     "logging stopped and went on later, or the clock was set meanwhile",
-    "split it if load or wiring were others; else nothing is to be done",
+    "split it there if load or wiring changed; otherwise no action is needed",
 )
-_BY_LOGGER = "rows are sampled when the logger gets round to it, not by a clock", ""
+_BY_LOGGER = "the logger samples when it has time, not by a clock", ""
 _WHEN_WRITTEN = "stamps are made when rows are written, and not when they are sampled", ""
 _SATURATION = Fault(
     "saturation",
@@ -72,7 +72,7 @@ _SATURATION = Fault(
 _STANDING = Fault(
     "standing",
     "%",
-    "at rest friction balances whatever there is, so that torques say nothing",
+    "at rest friction balances any load, so torques carry no information",
     "record a motion without pauses, or more of it",
 )
 _NOISE = Fault(

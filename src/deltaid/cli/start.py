@@ -52,7 +52,7 @@ def demo(
         "Against the truth: mass matrix within "
         f"{percent(result.mass_error_diagonal)} on and {percent(result.mass_error_off_diagonal)} "
         f"off the diagonal, friction within {percent(result.friction_error)}; a single body's own "
-        "numbers are less certain than what the drives feel of them."
+        "numbers are less certain than the torques they cause."
     )
     print_result(
         result.identification, result.verification,

@@ -19,7 +19,7 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
 from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
-WITHOUT = "the model is of the robot without it"
+WITHOUT = "the model excludes it"
 
 InTask = Float[np.ndarray, "samples dof"]
 

@@ -29,10 +29,10 @@ class Gain(UnknownEffect, DescribedEffect):
     kind = "drive-gain"
     name = "gain"
     deviation = 0.03
-    likeliest = "a torque constant, rated torque or gear that is not what the mapping says"
+    likeliest = "a torque constant, rated torque or gear that differs from the mapping"
     fix = (
-        "check torque constants and gears of these drives' torque columns; a recording shows "
-        "ratios of gains only, and a second one with a known load shows each of them"
+        "check torque constants and gears of these drives' torque columns; one recording "
+        "determines only ratios of gains, a second one with a known load determines each"
     )
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
@@ -56,7 +56,7 @@ class Gain(UnknownEffect, DescribedEffect):
             for k, (drive, gain) in enumerate(gains.items())
         ]
         reference = "the other drives'" if len(gains) == 1 else "the mean of the limbs' drives"
-        return 100 * max(gains.values(), key=abs), "%", f"{listed(sizes)} against {reference}"
+        return 100 * max(gains.values(), key=abs), "%", f"{listed(sizes)} relative to {reference}"
 
 
 def odd_gains(cause: Cause) -> dict[str, float]:

@@ -26,7 +26,7 @@ class Zeros(UnknownEffect):
     """q = q_m + q_0: true positions less recorded ones [rad or m]."""
 
     name = corrected_as = "zero"
-    text = "its zero is off: positions are this much more than recorded"
+    text = "zero offset: the true position is the recorded one plus this"
     corrects = "readings"
     deviation = 4e-3
 
@@ -41,7 +41,7 @@ class GearRatios(UnknownEffect):
     """q = (1 + r) q_m: true motion over recorded one, less 1."""
 
     name = corrected_as = "gear-ratio"
-    unit, text = "%", "its gear ratio is off: it moves this share more than recorded"
+    unit, text = "%", "gear ratio error: the drive moves this share more than recorded"
     corrects = "readings"
     deviation = 4e-3
 
@@ -80,10 +80,9 @@ class Tilt(UnknownEffect):
 
     def doubt(self, values: Deviations) -> str:
         return (
-            f"torques look like those of a base that is tilted by {np.linalg.norm(values):.2g} "
-            "rad, more than mounting explains, and nothing is corrected. Likeliest something pulls "
-            "at the robot, or gravity is not as described; look at hoses and springs, and check "
-            "gravity"
+            f"torques match a base tilt of {np.linalg.norm(values):.2g} rad, more than mounting "
+            "explains, so nothing is corrected. Likeliest something pulls at the robot, or gravity "
+            "is not as described; check hoses, springs and gravity"
         )
 
 

@@ -31,13 +31,13 @@ from deltaid.robot.parameter import PRIOR_SPREAD, PriorParameter
 
 _UNSURE = "; a first-order filter of this time constant would look the same here"
 _FILTER = (
-    "torques passed a first-order filter of this time constant, which is inverted: steps of "
-    "friction at reversals have its tails"
+    "torque passed a first-order filter of this time constant, which is inverted: steps of "
+    "friction at reversals show its tail"
 )
-_PURE = "; it is all that makes them late"
+_PURE = "; it accounts for the whole lag"
 _BLURRED = (
-    "; their steps at reversals are blurred, as by averages or a filter of second order, so rows "
-    "next to reversals do not count"
+    "; steps of friction at reversals are blurred, as by averages or a second-order filter, so "
+    "rows next to reversals are excluded"
 )
 # Lags that differ by more [s] do harm, and are reported to differ.
 APART = 2.0 * SMALL
@@ -213,9 +213,8 @@ class LagColumns(TimingColumns):
             clock = next(judged).moved(rate)
             low, high = (None if end is None else 1e6 * end for end in (clock.low, clock.high))
             text = (
-                f"the clock of torques runs {'slow' if rate > 0 else 'fast'} against that of "
-                "positions, so their lag grows: torques are read so much later or earlier as time "
-                "goes on"
+                f"the clock of torques is {'slow' if rate > 0 else 'fast'} relative to that of "
+                "positions, so the lag changes with time; torques are shifted accordingly"
             )
             yield self.correction("clock", 1e6 * clock.value, (low, high), "ppm", text)
 
@@ -302,14 +301,13 @@ def slope(tau: OfDrives, turned: Bool[np.ndarray, "dof steps"] | bool = False) -
 
 
 def _sentence(value: float, spread: float, *, held: bool) -> str:
-    late = "late" if value > 0 else "early"
     text = (
-        f"torques come {late} against positions, drive filters counted in, and are read so much "
-        f"{'later' if value > 0 else 'earlier'}"
+        f"torque {'lags' if value > 0 else 'leads'} position, drive filters included, and is "
+        "shifted by this"
     )
     if held:
         return (
-            f"{text}; only steps of friction show it, other rows ask for another lag: friction "
-            "law, load or torque constants are in doubt"
+            f"{text}; only steps of friction determine it, and other rows give a different lag: "
+            "friction law, load or torque constants are in doubt"
         )
     return f"{text}; drives differ by {1e3 * spread:.2g} ms" if spread > APART else text

@@ -167,7 +167,7 @@ class LoadColumns(Addition):
         if self.is_detected and self.load.always:
             when = "in the whole recording, which no mapping declares"
         origin = "is known" if known else "was identified with the robot"
-        without = "the model is of the robot without it"
+        without = "the model excludes it"
         empties = "" if self.load.course is None else f"; it {self.load.course} steadily"
         text = f"{body} holds it {when}, and its mass {origin}{empties}; {without}"
         if low is not None and high is not None and high - low > mass.value:

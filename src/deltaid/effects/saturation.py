@@ -30,7 +30,7 @@ class Saturation(UnknownEffect, DescribedEffect):
     kind = corrected_as = "torque-constant"
     is_contested = True
     unit = "%"
-    text = "its torque constant falls with current: the joint lacks this at its largest torque"
+    text = "its torque constant falls with current: this is missing at its largest torque"
     likeliest = "the motor saturates, so that its torque constant falls with current"
     fix = (
         "record torques by the motor's curve of torque over current, not by one constant; or move "
@@ -74,7 +74,11 @@ class Saturation(UnknownEffect, DescribedEffect):
         worst = fit.drives.index(subject) if subject else int(np.argmax(np.abs(lacking)))
         beta = float(lacking[worst])
         size = f"{percent(abs(beta))} too {'large' if beta > 0 else 'small'}"
-        return 100 * beta, "%", f"{fit.drives[worst]}'s largest torques are {size}, small ones not"
+        return (
+            100 * beta,
+            "%",
+            f"{fit.drives[worst]}'s largest torques are {size}; small ones are right",
+        )
 
 
 def _cubes(fit: RigidFit) -> Columns:

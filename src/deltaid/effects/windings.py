@@ -232,8 +232,8 @@ class Windup:
                 half = wide * float(self.deviation[k])
                 evidence, low, high = self._evidence(k), s - half, s + half
             text = (
-                f"its gear winds up by what it carries over {1 / s:.3g} {inverse}{evidence}; "
-                "positions are those of the link"
+                f"its gear winds up under torque, stiffness {1 / s:.3g} {inverse}{evidence}; "
+                "positions are converted to the link side"
             )
             corrections.append(
                 Correction(kind="compliance", subject=drive, value=s, low=low, high=high, unit=unit,

@@ -44,12 +44,12 @@ from deltaid.sensors.weighings import weighings
 CLEAR_LAG = 2.0
 
 _HELD = (
-    "drives update their torques so seldom and hold them in the rows between, which come late: "
-    "torques there are interpolated between updates"
+    "drives update torques at this interval only and hold them in between, which delays them; "
+    "torques are interpolated between updates"
 )
 _STRAIGHT = (
-    "torques are on straight lines between updates that far apart, as a logger draws them: there "
-    "they are interpolated smoothly"
+    "the logger draws straight lines between torques at this interval; they are interpolated "
+    "smoothly"
 )
 
 
@@ -160,8 +160,8 @@ def _corrections(lag: Lag, recording: PreparedRecording, drives: Sequence[str]) 
             low=value - half,
             high=value + half,
             unit="s",
-            text=f"recorded velocities come {'late' if value > 0 else 'early'} against positions: "
-            "they are excluded, and positions differentiated",
+            text=f"recorded velocities {'lag' if value > 0 else 'lead'} positions: they are "
+            "excluded, and positions are differentiated",
         )
         for name, value, half in zip(subjects, values.tolist(), halves.tolist(), strict=True)
     ]

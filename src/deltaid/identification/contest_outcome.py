@@ -132,7 +132,7 @@ def _unexplained(last: Contest, torques: OfDrives) -> dict[str, str]:
     follows = max(free, key=last.shrunk.price).name.removeprefix(f"{UNEXPLAINED} ")
     doubt = Doubt(
         in_words(float(shares[drive]), name, f"it varies with {follows}")
-        + "; no known effect explains it, and the model is of the robot without it",
+        + "; no known effect explains it, and the model excludes it",
         cause="something acts on the robot or its sensors that deltaid has no effect of",
         cure="look at hoses, drives and sensors for what varies so; the residual over time is in "
         "the report",
@@ -148,9 +148,9 @@ def _suspicion(surprises: Mapping[str, float]) -> dict[str, str]:
     causes, largest = _named(names, "or"), surprises[names[0]]
     rare = "more than " * (largest > _RAREST)
     doubt = Doubt(
-        f"{causes} may act as well: chance explains as much in one of {rare}"
-        f"{10 ** min(largest, _RAREST):,.0f} recordings; that is not enough to correct it, so "
-        "intervals count it",
+        f"{causes} may also act: chance explains as much in one of {rare}"
+        f"{10 ** min(largest, _RAREST):,.0f} recordings; too little evidence to correct it, so "
+        "intervals include it",
         cause=f"a small error or effect ({causes}), or something unknown that looks like it",
         cure="record a longer or faster motion, which decides it",
     )
@@ -179,14 +179,14 @@ def beyond_parts(last: Contest) -> frozenset[str]:
 def why_not(setup: Setup, beyond: Collection[str]) -> str:
     """Why the kept effects are refuted; empty where they stand."""
     if beyond:
-        return f"{_named(sorted(beyond))} would be further off than they ever are"
+        return f"{_named(sorted(beyond))} would exceed any plausible error"
     studies = [study for study in setup.studies if study]
     left = max(map(left_of_a_drive, studies), default=0.0)
     is_free = setup.outcome is not None and any(map(is_unexplained, setup.outcome.kept))
     # Friction laws are chosen later; free functions and friction of any law explain anything.
     if left > ADEQUATE and not is_free:
         left = max(left_of_a_drive(beside_any_friction(study)) for study in studies)
-    return f"{percent(left)} of a drive's torque would be left" if left > ADEQUATE else ""
+    return f"{percent(left)} of a drive's torque would remain" if left > ADEQUATE else ""
 
 
 def overtaken(last: Contest, beside: Contest) -> str:
@@ -195,7 +195,9 @@ def overtaken(last: Contest, beside: Contest) -> str:
     point = beside.points[0]
     change = point.trace.model(beside.p) - point.trace.model(last.p)
     share = float(shares_of_torque(point, change).max())
-    return f"{percent(share)} of a drive's torque would be theirs" if share > NORMAL * SIZE else ""
+    return (
+        f"they would explain {percent(share)} of a drive's torque" if share > NORMAL * SIZE else ""
+    )
 
 
 def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> ContestOutcome:
@@ -208,8 +210,8 @@ def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> C
     named = [name for name in every if not is_unexplained(name)]
     tried = f"corrections of {_named(named)}" if named else "free functions of the drives' torques"
     doubt = (
-        f"something acts on the robot that no known effect explains: with {tried} {why}, so "
-        "nothing of it is corrected; intervals count what these would change"
+        f"an unknown effect acts on the robot: with {tried}, {why}. Nothing of it is corrected; "
+        "intervals include what these would change"
     )
     layout = compiled(outcome.described).layout
     uncorrected = (layout.named(move) for move in moves)

@@ -92,7 +92,7 @@ def _grown(problem: FittedProblem) -> Iterator[str]:
     )
     cause = "the prior is too light or too small; weigh the body, or describe its size"
     if _is_unexplained(problem):
-        cause = "a part of what is unexplained passes for these moments; find that first"
+        cause = "unexplained torque is mistaken for these moments; find its cause first"
     if names:
         yield (
             f"{names} to keep its body consistent, whose moments in the torques are too large for "
@@ -109,9 +109,9 @@ def _of_priors(problem: FittedProblem) -> Iterator[str]:
             owners[parameter.owner] = max(factor, owners.get(parameter.owner, 0.0))
     for owner, factor in owners.items():
         yield (
-            f"the prior of {owner} has to be {factor:.2g} times as wide as stated for the recording"
-            ", so it is that of something else. Likeliest the description has a wrong mass, size "
-            "or unit there, or a tool or cable is not described; weigh it"
+            f"the recording requires the prior of {owner} to be {factor:.2g} times as wide as "
+            "stated, so it describes something else. Likeliest the description has a wrong mass, "
+            "size or unit there, or lacks a tool or cable; weigh it"
         )
 
 

@@ -35,12 +35,12 @@ from deltaid.recording.windows import Window
 
 # Messages by the reasons to exclude events.
 _TEXT = {
-    CONTACT: "{times} torques exceed all that the motion asks for, as where something pushes the "
+    CONTACT: "{times} torques exceed what the motion requires, as if something pushed the "
     "platform, {largest}",
     STOP: "{times} the robot was stopped by more than its drives, {largest}",
-    SPIKE: "{times} the torque of one drive jumps for a sample or three, as errors of a fieldbus "
-    "do",
-    CHANGE: "{times} torques exceed all that the motion asks for where a joint reverses or the "
+    SPIKE: "{times} the torque of one drive jumps for one to three samples, as in errors of a "
+    "fieldbus",
+    CHANGE: "{times} torques exceed what the motion requires where a joint reverses or the "
     "torque of a gear changes its sign: by play or winding of gears, by friction, by torques that "
     "saturate, or by pushes that come there, as at a pick; {largest}",
     JOLT: "{times} torque and motion change faster than the low-pass of the positions follows",

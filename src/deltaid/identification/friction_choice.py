@@ -107,7 +107,7 @@ def _corrections(
                 "times what chance would explain"
             )
         laws = f"{law_in_words(law)}, no longer {law_in_words(before.friction[joint])}"
-        text = f"the law is now {laws}: {reason}"
+        text = f"friction law {laws}: {reason}"
         corrections.append(Correction(kind="friction", subject=joint, text=text))
     return corrections
 

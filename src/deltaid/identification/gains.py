@@ -102,7 +102,7 @@ class Gains(TorqueColumns):
         drives, corrections = self.dynamics.robot.drives, list[Correction]()
         absolute = [other.scale_reference for other in self.others if other.scale_reference]
         silent = " and ".join(drive for i, drive in enumerate(drives) if i not in self.ratio_drives)
-        assumed = f", {silent} is taken to be right" if silent else ""
+        assumed = f"; {silent} is assumed correct" if silent else ""
         against = "the other limbs' drives, which agree" if self.reference else (
             "the mean of the limbs' drives"
         )  # fmt: skip
@@ -111,13 +111,13 @@ class Gains(TorqueColumns):
                 continue
             ends = (gain.value, gain.low, gain.high)
             value, low, high = (float(c * np.exp(np.nan if end is None else end)) for end in ends)
-            torque = f"the joint gets {value:.4g} times the torque that {drive} records"
+            torque = f"the joint torque is {value:.4g} times the torque that {drive} records"
             if self.ratio_drives:
                 text = (
-                    f"limbs are the same, so {torque}, against {against}; what is common to all "
-                    "shows nowhere and is taken to be right, within "
-                    f"{percent(self.common_spread)} as these differ{assumed}: a second recording "
-                    "with a known load determines these too"
+                    f"{torque}, relative to {against}, because limbs are identical. A common gain "
+                    "is not identifiable; it is assumed correct within "
+                    f"{percent(self.common_spread)}, by the scatter of these{assumed}. A second "
+                    "recording with a known load determines it"
                 )
             elif gain.std < 0.5 * SPREAD:
                 exact = ", which is 1 as far as this shows" if low <= 1.0 <= high else ""

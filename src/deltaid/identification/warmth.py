@@ -106,8 +106,8 @@ class Warmth(Addition):
             log, unit = first.recording.path.name, "s"
             course = f"as it warms up, T = {first.constant:.3g} s, from the beginning to the end"
         text = (
-            f"the robot's friction changes {course}; viscous and Coulomb's by these shares of "
-            f"what is described: {each}. The model has the friction of the mean"
+            f"friction changes {course}; viscous and Coulomb friction by these shares of their "
+            f"described values: {each}. The model has the mean friction"
         )
         return (
             Correction(kind="temperature", log=log, value=first.constant, unit=unit, text=text),

@@ -264,8 +264,7 @@ def widened_priors(problem: FittedProblem) -> Iterator[Correction]:
         text = (
             f"the recording alone gives {base.formulas[k]} = {value:.3g} ± "
             f"{estimate.interval[k]:.2g} {unit}, the description {value - against.d[k]:.3g} "
-            f"{unit}, {apart:.2g} standard deviations away; so priors were taken to be less "
-            f"certain than stated, {priors}. Where only a sum shows, another term of it may be the "
-            "wrong one"
+            f"{unit}, {apart:.2g} standard deviations away. Prior spread widened: {priors}. If "
+            "only a sum is determined, another of its terms may be wrong"
         )
         yield Correction(kind="prior", subject=owner, value=largest, text=text)

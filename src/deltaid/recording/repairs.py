@@ -41,10 +41,10 @@ _PERIODS = 2
 CONTACT, SPIKE, STOP, JOLT = "contact", "torque spike", "stop", "jolt"
 BACKLASH, CHANGE = "backlash", "change of sign"
 WHY_REPAIRED = {
-    CONTACT: "torques exceed all that the motion asks for, as where something pushes the robot",
-    SPIKE: "one torque channel jumps for a sample or three",
+    CONTACT: "torques exceed what the motion requires, as if something pushed the robot",
+    SPIKE: "one torque channel jumps for one to three samples",
     STOP: "the robot was stopped by more than its drives",
-    CHANGE: "torques exceed all that the motion asks for where a joint reverses or the torque of a "
+    CHANGE: "torques exceed what the motion requires where a joint reverses or the torque of a "
     "gear changes its sign",
     JOLT: "torque and motion change faster than the low-pass follows",
     BACKLASH: "play in a gear lets its motor go ahead where the torque changes its sign",

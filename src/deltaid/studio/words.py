@@ -28,10 +28,10 @@ _OPTIONS = {
 }
 _FIXED = (
     (
-        r"`deltaid check` shows more and --write writes what it proposes, --force goes on as it is",
+        r"`deltaid check` shows more and --write writes what it proposes, --force continues anyway",
         "the page Check shows more, and applies what it proposes by a click",
     ),
-    (r"`deltaid check` shows more, --force goes on as it is", "the page Check shows more"),
+    (r"`deltaid check` shows more, --force continues anyway", "the page Check shows more"),
     (r"`deltaid check ROBOT --write FILE` writes a cured file", "the page Check applies it"),
     (r"give --columns a mapping with", "give the mapping file"),
     (r"\(--columns(?: \w+\.yaml)?\)", "(page Recording)"),

@@ -65,7 +65,7 @@ def parameter_table(model: "IdentifiedModel", truth: Sequence[float] | None = No
         ),
         "Inertias and first moments are about the origin of the body's link frame. Parameters "
         "that are zero by structure are omitted. “Sum”: torques show only a sum of the parameter "
-        "and others; its value takes their priors at their word, its interval does not. "
+        "and others; its value depends on their priors, its interval does not. "
         "“Measured”: mostly what a scale or the like said. “Limit”: as small as physics allows. "
         "Grey rows are not decided by the data: beside “prior” stands how far that may be off, as "
         "a share or a factor; “fixed” is held by the description; “consistency” is a lower bound. "

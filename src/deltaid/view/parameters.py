@@ -160,7 +160,7 @@ def shares_sentence(model: IdentifiedModel) -> str:
     main = {name: max(_SOURCES, key=partial(getattr, share)) for name, share in parts}
     most = ", ".join(name for name, source in main.items() if source == "geometry")
     rest = f"; mostly geometry and effects: {most}" if most else ""
-    return f"intervals come in the mean from: {means}{rest}"
+    return f"sources of the intervals, mean: {means}{rest}"
 
 
 def _decided(parameters: Sequence[Parameter]) -> list[Parameter]:

@@ -174,9 +174,8 @@ def _of_recording(
     verdicts += velocity_verdicts(log)
     if worst(verdicts) in (Grade.GOOD, Grade.CANNOT_TELL) and not senseless:
         seen = (
-            "the loops close, torques go with the motion of their drives "
-            f"({log.least_correlation:.2g} is the least correlation with those of the prior) and "
-            f"are {overall(log.ratios):.2g} times those"
+            "the loops close, and torques correlate with those of the prior by at least "
+            f"{log.least_correlation:.2g}; they are {overall(log.ratios):.2g} times those"
         )
         verdicts.insert(0, Verdict("drive-order", Grade.GOOD, seen, number=log.least_correlation))
     return tuple(verdicts[len(common or ()) :])

@@ -74,7 +74,7 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
             Doubt(
                 f"ends with text after its data ('{data.tag}'), which is ignored",
                 cause="the logger marks the end of its file",
-                cure="nothing is to be done; if data follows it, make a file of each part",
+                cure="no action is needed; if data follows it, make a file of each part",
             )
         )
     return CsvTable(

@@ -32,7 +32,7 @@ _HINT = re.compile(rb'\A(?:\xef\xbb\xbf)?"?sep=.?"?\s*\Z', re.IGNORECASE)
 NO_LINE_BREAK = Doubt(
     "the last line has no line break, so its last number may be cut off",
     cause="the file was copied while it was being written, or the disk was full",
-    cure="nothing is to be done if the file is whole; else remove the line",
+    cure="no action is needed if the file is whole; else remove the line",
 )
 
 

@@ -198,7 +198,7 @@ def _incomplete(topic: str, lost: int, total: int, first: int, lacks: Sequence[N
         f"{lost} of {total} messages of {topic} have no {', no '.join(absent)}, the first is "
         f"message {first}; they are excluded",
         cause="a second node publishes there, or the driver does not fill in all of each message",
-        cure="nothing is to be done for a second node, unless it is the wrong topic",
+        cure="no action is needed for a second node, unless it is the wrong topic",
         key=INCOMPLETE,
     )
 

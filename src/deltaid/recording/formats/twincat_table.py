@@ -152,7 +152,7 @@ class ScopeTable(LogTable):
                 "channels in use have times of their own; they are interpolated to those of "
                 f"{', '.join(instants)}",
                 cause="they are recorded in tasks of different cycles",
-                cure="nothing is to be done if all were of one controller; one task for all of "
+                cure="no action is needed if all were of one controller; one task for all of "
                 "them keeps them in step",
             )
         )

@@ -34,11 +34,11 @@ LOAD_CHANGES: Reason = "load changes"
 WHY: dict[Reason, str] = {
     "standing still": "at rest friction is whatever balances the torque",
     "on brakes": "at rest with the torque off or constant; the brakes hold the robot",
-    "before a stop": "the low-pass of the positions sees the brakes' jerk ahead of it",
+    "before a stop": "the low-pass of the positions spreads the brakes' jerk to earlier rows",
     "emergency stop": "brakes slow the robot down, the drives are without torque",
-    "saturated torque": "on the largest or smallest number of its channel; the torque went on",
+    "saturated torque": "the channel is at its largest or smallest number, which torque exceeds",
     "stale rows": "the logger repeated a row while the robot moved",
-    "load changes": "a load is taken up or put down; when exactly is not known to a sample",
+    "load changes": "a load is gripped or released; the time is not known to a sample",
 }
 
 

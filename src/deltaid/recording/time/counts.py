@@ -187,7 +187,7 @@ def doubts_about_rounds(columns: Iterable[Unwrapper], table: LogTable) -> list[D
             cause="a counter that is full begins anew"
             if _is_counter(column.period)
             else "the controller keeps angles within one turn",
-            cure="nothing is to be done, unless it was set anew there: then split the log",
+            cure="no action is needed, unless it was set anew there: then split the log",
         )
         for column in columns
         if column.count

@@ -92,7 +92,7 @@ def stood(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str]:
     return (
         f"{column} stands still in {len(longest)} rows, the first {_row(table, longest)}: excluded",
         "an array that was made longer than the recording, or a logger that hung",
-        "write the file without such rows; else nothing is to be done",
+        "write the file without such rows; else no action is needed",
     )
 
 
@@ -108,7 +108,7 @@ def slowed(clock: Clock, table: LogTable) -> tuple[str, str, str]:
         f"{len(longest) + 1} rows from {_row(table, np.array([first]))} on come at "
         f"{slower:.6g} Hz, others at {clock.rate:.6g} Hz",
         "the rate was changed while recording, or recordings of two rates are in one file",
-        "record at one rate, or split the file there; else nothing is to be done",
+        "record at one rate, or split the file there; else no action is needed",
     )
 
 
@@ -126,7 +126,7 @@ def restarted(clock: Clock, table: LogTable, column: str) -> tuple[str, str, str
         return (
             seen,
             "several recordings stand in one file, or the clock was set or passed midnight",
-            "split it if load or wiring were others; else nothing is to be done",
+            "split it there if load or wiring changed; otherwise no action is needed",
         )
     name, before, after = part
     return (
@@ -199,7 +199,7 @@ def _doubt_about_bridges(
     return Doubt(
         f"{slower}; {missing}" if slower else missing,
         cause=cause or "packets were lost on their way to the logger",
-        cure=cure or "nothing is to be done for a few; else log on the controller itself",
+        cure=cure or "no action is needed for a few; else log on the controller itself",
         key="clock",
     )
 
