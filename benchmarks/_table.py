@@ -68,7 +68,6 @@ BEHIND: dict[str, Size] = {
     "coverage_of_labels": {"rows": 12, "robots": 12},
     "readers": {"rows": 15, "samples": 1_000_000, "repeats": 3},
     "real_drives": {"rows": 59, "kinds": 6, "seeds": 2},
-    "wiring": {"rows": 39, "kinds": 4, "seeds": 2},
 }
 
 

@@ -10,7 +10,10 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.effects.compliance import compliances
 from deltaid.errors import DeltaidError, IdentificationError
+from deltaid.estimation.drive_rows import TraceRows
+from deltaid.estimation.traces import trace
 from deltaid.identification.contest_stage import contested
 from deltaid.identification.fit import fit
 from deltaid.identification.lags_and_gears import _better_than_loads, gears_turned_back
@@ -68,12 +71,17 @@ def fitted(share: float) -> deltaid.Identification:
 
 
 def test_stretches_too_short_for_the_gears_filter_give_no_compliance() -> None:
-    """A logger that loses some rows each second leaves stretches that a fit can use."""
-    dynamics, _, table = wound()
-    columns = table.drop("link1", "link2", "link3").with_row_index()
-    gaps = columns.filter(pl.col("index") % 1000 < 900).drop("index")
-    result = deltaid.identify(dynamics.robot, gaps, settings=Settings(friction="described"))
-    assert not [c for c in result.model.corrections if c.kind == "compliance"]
+    """A logger that loses some rows each second leaves stretches that are long enough for a fit."""
+    dynamics, p, table = wound()
+    (recording,) = open_recordings(table.drop("link1", "link2", "link3"), dynamics.kinematics)
+    whole = trace(dynamics, recording, p, cutoff=recording.cutoff)
+    run, rows = whole.stretches[0], TraceRows.for_dynamics(dynamics, (), 0.5)
+    lengths = range(len(run.time))
+    cut = (replace(whole, stretches=(run.part(slice(length)),)) for length in lengths)
+    short = next(record for record in cut if record.is_long(0))
+    for traces in [short], [whole, short]:
+        gears = compliances(traces, traces, rows, np.full(3, np.nan))
+        assert gears.values.any() == (len(traces) > 1)
 
 
 def mass_error(dynamics: Dynamics, p: np.ndarray, true: np.ndarray) -> float:

@@ -35,6 +35,7 @@ def test_random_motions_keep_the_range_of_a_telescope(ends: tuple[float, float])
     motion = random_motion(kinematics, np.random.default_rng(0))
     q = kinematics.inverse(motion.evaluate(np.linspace(0, 10, 500))[0])
     low, high = np.deg2rad(ends)
+    assert kinematics.home[3] == pytest.approx(0.5 * (low + high))
     assert low <= q[:, 3].min()
     assert q[:, 3].max() <= high
     assert np.ptp(q[:, 3]) > 0.3 * (high - low)

@@ -1,5 +1,6 @@
 """Units, gears, signs and order of columns: each fault is told, and its cure mends it."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -82,6 +83,8 @@ def test_time_in_another_unit(name: str, factor: float) -> None:
     assert (verdict.key, verdict.grade) == ("time-unit", Grade.WRONG)
     assert verdict.number == pytest.approx(factor, rel=1e-3)
     assert alone.key == "time-unit"
+    (rate,) = re.findall(r"time: {rate: (\d+)}", verdict.cure)
+    assert float(rate) == pytest.approx(RATE, rel=0.05)
     assert alone.grade is (Grade.WRONG if factor in (0.1, 10.0) else Grade.DOUBTFUL)
     assert ("as described" in alone.cause) == (alone.grade is Grade.DOUBTFUL)
 
@@ -336,9 +339,10 @@ def test_a_drive_that_is_reversed_in_one_of_two_recordings_is_named_there() -> N
     ]
 
 
-def test_a_time_so_much_too_short_that_nothing_can_be_filtered_is_named() -> None:
+@pytest.mark.parametrize("factor", [30.0, 150.0])
+def test_a_time_so_much_too_short_that_nothing_can_be_filtered_is_named(factor: float) -> None:
     name = "irb360-6-1600"
-    columns = times(without(recorded(name), "qd"), t=1 / 60)
+    columns = times(without(recorded(name), "qd"), t=1 / factor)
     (verdict,) = checked_wiring(evidence_of(name, columns))
     assert (verdict.key, verdict.grade) == ("time-unit", Grade.WRONG)
     chords = np.abs(np.diff(columns["q"], axis=0)).sum(axis=0) / np.ptp(columns["t"])

@@ -109,7 +109,6 @@ def _candidates(fit: RigidFit) -> Iterator[EffectCandidate]:
     names = [p.name for p in fit.dynamics.layout.parameters if p.kind == "friction"]
     gains, offsets = (fit.rows.per_drive(x) for x in (fit.model, np.ones_like(fit.model)))
     together = [
-        gains.sum(axis=1)[:, None],
         *(fit.rows.stack(fit.added(pull)) for pull in pulls),
         *(fit.rows.stack(fit.column(name))[:, None] for name in names if fit.shows(name)),
         *np.moveaxis(gains, 1, 0)[:, :, None],
