@@ -45,6 +45,17 @@ def test_a_cause_is_found_with_its_noise_and_nothing_else_is_kept() -> None:
     assert reduced(full, LEAST).candidates == ("cause",)
 
 
+def test_a_coefficient_without_a_column_is_no_freedom() -> None:
+    full = problem(size=0.05)
+    blocks = [replace(block, A=np.pad(block.A, ((0, 0), (0, 1)))) for block in full.blocks]
+    cause = replace(
+        full.groups[0], columns=np.array([2, 3, 4, 7]), deviation=np.full(4, 0.5), mean=np.zeros(4)
+    )
+    D, d = prior(full)
+    wide = Shrunk.fitted(blocks, np.pad(D, ((0, 0), (0, 1))), d, [cause, full.groups[1]])
+    assert wide.surprise(cause) == pytest.approx(full.surprise(full.groups[0]), rel=1e-6)
+
+
 def test_by_how_much_chance_changes_the_level_of_noise() -> None:
     """Of a quarter of 800 rows that are independent, against 2,000 levels of 200 numbers."""
     blocks = tuple(replace(block, independent=0.25) for block in problem().blocks)
