@@ -222,7 +222,7 @@ def test_a_stated_stiffness_that_leaves_no_row_is_refused() -> None:
 def test_a_contest_does_not_follow_gears_to_where_no_row_is_left() -> None:
     setup = contested(short_of_rows(), lambda _: None)
     assert setup.outcome is not None
-    why = "gears that wind up no row would be left whose links' motion is known"
+    why = "gears that wind up, no row would be left whose links' motion is known"
     assert why in setup.outcome.doubts[REFUTED]
     assert not setup.barred_effects  # a later contest may need what this one did not try
     assert setup.recordings[0].repairs.gears is None

@@ -223,7 +223,7 @@ def test_torque_constants_that_are_not_certain_widen_intervals() -> None:
     made = case("realistic", "linear")
     judged = judge(made, identified(made))
     assert np.mean(judged.base) > 0.9  # 69 % without dropped effects
-    assert any("torque constant" in text and "may act as well" in text for text in judged.texts)
+    assert any("torque constant" in text and "may also act" in text for text in judged.texts)
 
 
 def test_gears_become_compliant_in_the_first_sweeps_only(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -368,7 +368,7 @@ def test_a_suspect_is_named_and_intervals_count_it(odds: float, weight: float) -
     before = ContestOutcome(robot, doubts={"tilt": "leans", SUSPECTED: "of sweeps before"})
     outcome = doubted(before, full, last)
     assert outcome.doubts["tilt"] == "leans"
-    named = "springs at drives may act as well: chance explains as much in one of 10,000 "
+    named = "springs at drives may also act: chance explains as much in one of 10,000 "
     assert (named in outcome.doubts.get(SUSPECTED, "")) == (odds > 0)
     by_suspect, by_coefficients, by_other = (
         np.array([move[name] for name in names]) for move in outcome.moves

@@ -90,7 +90,7 @@ def test_a_mass_that_grew_beside_what_is_unexplained_is_no_wrong_prior() -> None
     problem = identify(RobotDescription.model_validate(data), frame).problem
     (doubt,) = doubts(replace(problem, additions=(Mock(spec=FreeTorque, is_held=False),)))
     assert "U.m had to grow" in doubt
-    assert "unexplained passes for these moments" in doubt
+    assert "mistaken for these moments" in doubt
     assert "prior" not in doubt
 
 

@@ -131,7 +131,7 @@ def judged(std: float) -> list[Parameter]:
 @pytest.mark.parametrize(
     ("ratio_drives", "std", "words"),
     [((), 0.01, "determined by a push"), ((), 0.06, "hardly shows"),
-     ((0, 1), 0.01, "drive3 is taken to be right")],
+     ((0, 1), 0.01, "drive3 is assumed correct")],
 )  # fmt: skip
 def test_what_is_reported_is_the_whole_gain_with_its_interval(
     ratio_drives: tuple[int, ...], std: float, words: str

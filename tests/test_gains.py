@@ -141,7 +141,7 @@ def test_limbs_that_are_alike_tell_ratios_without_any_load() -> None:
     assert [correction.subject for correction in told] == list(dynamics.robot.drives)
     for correction, true in zip(told, gain / common, strict=True):
         assert correction.low < true < correction.high
-        assert "taken to be right" in correction.text
+        assert "assumed correct" in correction.text
     assert not [correction for correction in model.corrections if correction.kind != "gain"]
     q = np.zeros((1, 3))
     ratio = dynamics.mass_matrix(q, model.p) / dynamics.mass_matrix(q, p)

@@ -141,7 +141,7 @@ def test_a_prior_that_the_recording_contradicts_is_widened_and_said(contradicted
     assert "S.Ixx" in correction.text
     assert correction.value > 1000
     (warning,) = model.warnings
-    assert warning.startswith("the prior of S has to be ")
+    assert "requires the prior of S to be " in warning
     entry = parameter_named(model, "S.Ixx")
     assert entry.determined_by == "data"
     assert inside(entry, 0.0246)

@@ -134,4 +134,4 @@ def test_friction_laws_still_to_be_chosen_refute_nothing(
     monkeypatch.setattr(contest_outcome, "left_of_a_drive", left.__getitem__)
     outcome = Mock(spec=ContestOutcome, kept=(kept,))
     why = why_not(Mock(spec=Setup, studies=(before, None), outcome=outcome), ())
-    assert why == ("1.5 % of a drive's torque would be left" if refuted else "")
+    assert why == ("1.5 % of a drive's torque would remain" if refuted else "")

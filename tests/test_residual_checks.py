@@ -69,7 +69,7 @@ def test_a_clean_recording_points_at_nothing() -> None:
 def test_a_lag_is_reported_in_milliseconds_and_with_what_it_does() -> None:
     lag = only("torque-lag", late=3e-3)
     assert lag.number == pytest.approx(3.0, abs=0.2)
-    assert "late" in lag.seen
+    assert "torque lags position by" in lag.seen
     assert "the inertia of drive" in lag.seen
     assert "-1.5 rows" in lag.cure
 
@@ -245,7 +245,7 @@ def test_one_column_of_computed_torques_is_named() -> None:
     [
         ("geometry-or-cogging", "cogging of the motor, or teeth of the gear",
          lambda q, tau: 3.0 * np.sin(2 * np.pi * 9 * q)),
-        ("drive-gain", "a torque constant, rated torque or gear that is not what the mapping says",
+        ("drive-gain", "a torque constant, rated torque or gear that differs from the mapping",
          lambda q, tau: [0.0, 0.0, 0.2] * tau),
     ],
 )  # fmt: skip

@@ -304,7 +304,7 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
     assert contest_stage._beside_unexplained(setup, end) is end
 
 
-@pytest.mark.parametrize(("moved", "why"), [(0.09, ""), (0.11, "11 % of a drive's torque")])
+@pytest.mark.parametrize(("moved", "why"), [(0.09, ""), (0.11, "they would explain 11 %")])
 def test_free_functions_that_take_much_of_the_model_are_refuted(moved: float, why: str) -> None:
     """Of what varies: constants are no part of it."""
     model = np.array([[1.0, -1.0, 3.0, -3.0], [2.0, 2.0, -2.0, -2.0]])
