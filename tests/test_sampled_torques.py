@@ -207,7 +207,7 @@ def test_blurred_steps_are_a_lag_and_no_friction(row: str, kind: str, seed: int)
     assert judged.friction < 0.007  # 5 to 9 %
     assert np.mean(judged.curves) > 0.9
     (lag,) = result.model.corrections
-    assert "steps at reversals are blurred" in lag.text
+    assert "steps of friction at reversals are blurred" in lag.text
     assert "first-order" not in lag.text
     assert row == "second-order" or not judged.verdicts
 

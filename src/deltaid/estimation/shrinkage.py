@@ -170,7 +170,7 @@ class Shrunk:
     def surprise(self, group: CauseColumns) -> float:
         """Surprise of a group's price by the scatter of its rows [decades]; coefficients whose
         columns are zero, as of a drive at rest, are no freedom."""
-        shown = np.count_nonzero(np.diag(self.rows.products[0])[group.columns])
+        shown = int(np.count_nonzero(np.diag(self.rows.products[0])[group.columns]))
         return surprise(self.price(group) / self.level(group), max(shown, 1))
 
     def is_beyond(self, group: CauseColumns, stated: Float[np.ndarray, " k"]) -> bool:

@@ -210,8 +210,8 @@ def refuted(outcome: ContestOutcome, why: str, moves: Sequence[Parameters]) -> C
     named = [name for name in every if not is_unexplained(name)]
     tried = f"corrections of {_named(named)}" if named else "free functions of the drives' torques"
     doubt = (
-        f"an unknown effect acts on the robot: with {tried}, {why}. Nothing of it is corrected; "
-        "intervals include what these would change"
+        f"something acts on the robot that no known effect explains: with {tried}, {why}. Nothing "
+        "of it is corrected; intervals include what these would change"
     )
     layout = compiled(outcome.described).layout
     uncorrected = (layout.named(move) for move in moves)
