@@ -1,5 +1,6 @@
 """Gears that wind up: rows of the link in the place of the motor's, and compliances found."""
 
+from bisect import bisect_left
 from dataclasses import replace
 from functools import cache
 from unittest.mock import Mock
@@ -11,9 +12,9 @@ import pytest
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.effects.compliance import compliances
-from deltaid.errors import DeltaidError, IdentificationError
+from deltaid.errors import DeltaidError, IdentificationError, RecordingError
 from deltaid.estimation.drive_rows import TraceRows
-from deltaid.estimation.traces import trace
+from deltaid.estimation.traces import LARGEST_LAG, Trace, trace
 from deltaid.identification.contest_stage import contested
 from deltaid.identification.fit import fit
 from deltaid.identification.lags_and_gears import _better_than_loads, gears_turned_back
@@ -326,3 +327,23 @@ def test_gears_stand_in_the_place_of_a_load_where_they_leave_less(
     assert _better_than_loads(setup, (after,)) == believed
     before.is_disturbed = False
     assert _better_than_loads(setup, (after,))
+
+
+def test_the_shortest_traces_may_be_read_at_lags_in_both_directions() -> None:
+    """Then drives lose rows at both ends of a stretch."""
+    dynamics, p, table = wound()
+    recorded = table.drop("link1", "link2", "link3")
+    lags = np.array([LARGEST_LAG, -LARGEST_LAG, 0.0])
+
+    def shortest(rows: int) -> Trace | None:
+        (recording,) = open_recordings(recorded[:rows], dynamics.kinematics)
+        try:
+            return trace(dynamics, recording, p, cutoff=20.0)
+        except RecordingError:
+            return None
+
+    lengths = range(100, 4000, 20)
+    first = bisect_left(lengths, True, key=lambda rows: shortest(rows) is not None)
+    record = shortest(lengths[first])
+    assert record is not None
+    assert record.shifted(lags).stretches

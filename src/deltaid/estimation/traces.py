@@ -196,11 +196,8 @@ def trace(
             "has no row that counts", where=str(log.path), cure="give a recording that moves more"
         )
     record = Trace(dynamics, load, stretches, recording.low_pass, recording)
-    both_ways = [
-        Shift.of_delays((lag,) * dynamics.dof, log.rate, (), None).reach
-        for lag in (LARGEST_LAG, -LARGEST_LAG)
-    ]
-    if not record.is_long(max(map(sum, both_ways))):
+    farthest = Shift.of_delays((LARGEST_LAG, -LARGEST_LAG), log.rate, (), None)
+    if not record.is_long(sum(farthest.reach)):
         raise RecordingError(
             "is too short to be filtered, or has too many gaps",
             where=str(log.path),

@@ -11,12 +11,15 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.checks.evidence import WRONG_SCALE
+from deltaid.checks.evidence import WRONG_SCALE, Evidence
 from deltaid.checks.wiring.candidate import as_good
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.residual import UNIT, FilteredMotion, residual
 from deltaid.checks.wiring.velocity import rates
 from deltaid.model.verdict import Grade, Verdict
+
+# Number of chords of the motion that bound its speed from below.
+_CHORDS = 32
 
 
 def time_unit_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
@@ -57,6 +60,30 @@ def time_unit_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
         f"rate, here about time: {{rate: {rate:g}}}",
         number=factor,
     )
+
+
+def too_fast_verdicts(record: Evidence) -> Iterator[Verdict]:
+    """A verdict where a drive would exceed its limit between samples far apart, for a recording
+    that is too short to be filtered."""
+    rows, robot = record.rows, record.robot
+    if record.stands or len(rows.time) <= _CHORDS:
+        return
+    few = np.linspace(0, len(rows.time) - 1, _CHORDS + 1).astype(int)
+    seconds = float(np.ptp(rows.time[few]))
+    speeds = np.abs(np.diff(rows.q[few], axis=0)).sum(axis=0) / max(seconds, np.finfo(float).tiny)
+    most = [robot.limits_of(drive).top_speed or np.inf for drive in robot.drives]
+    i = int(np.argmax(speeds / np.array(most)))
+    if speeds[i] > most[i]:
+        unit = f"{robot.units(robot.drives[i]).coordinate}/s"
+        yield Verdict(
+            "time-unit",
+            Grade.WRONG,
+            f"{robot.drives[i]} would move at {speeds[i]:.2g} {unit} on average, and its limit is "
+            f"{most[i]:.2g} {unit}; in {seconds:.2g} s no columns can be judged",
+            cause="time is in another unit",
+            cure="declare the unit of the time column, such as time: {column: t, unit: min}",
+            number=float(speeds[i] / most[i]),
+        )
 
 
 def _usual(ratios: Float[np.ndarray, " drives"]) -> float:

@@ -20,7 +20,7 @@ from deltaid.checks.wiring.explained import RemappedRecording, overall
 from deltaid.checks.wiring.over_time import over_time_verdicts
 from deltaid.checks.wiring.residual import FEWEST, motion, residual
 from deltaid.checks.wiring.search import SAMPLES, explained, together
-from deltaid.checks.wiring.time_unit import time_unit_verdicts
+from deltaid.checks.wiring.time_unit import time_unit_verdicts, too_fast_verdicts
 from deltaid.checks.wiring.velocity import velocity_verdicts
 from deltaid.checks.wiring.zeros import zero_verdicts
 from deltaid.dynamics.dynamics import compiled
@@ -32,8 +32,6 @@ from deltaid.recording.resolution import extra_drives
 
 # Part of the stretch to search on, if it has enough samples.
 _PART = {"longest": 6.0, "oversampled": 10.0}
-# Number of chords of the motion that bound its speed from below.
-_CHORDS = 32
 # 1 − ρ² below which two columns are one signal; 1 − ρ² of positions above which drives move
 # differently and must have different torques; least ρ² of torques of drives that move alike, up and
 # down.
@@ -93,7 +91,7 @@ def checked_wirings(
         for verdicts in [
             over_time[k] or _of_recording(judged[k], common)
             if k in judged
-            else tuple(_too_fast(record))
+            else tuple(too_fast_verdicts(record))
         ]
     ]
     return common or (), each
@@ -204,30 +202,6 @@ def _upside_down(log: RemappedRecording) -> Iterator[Verdict]:
         proposals=(Proposal("robot", (("gravity", gravity),)),),
         number=along,
     )
-
-
-def _too_fast(record: Evidence) -> Iterator[Verdict]:
-    """A verdict where a drive would exceed its limit between samples far apart, for a recording
-    that is too short to be filtered."""
-    rows, robot = record.rows, record.robot
-    if record.stands or len(rows.time) <= _CHORDS:
-        return
-    few = np.linspace(0, len(rows.time) - 1, _CHORDS + 1).astype(int)
-    seconds = float(np.ptp(rows.time[few]))
-    speeds = np.abs(np.diff(rows.q[few], axis=0)).sum(axis=0) / max(seconds, np.finfo(float).tiny)
-    most = [robot.limits_of(drive).top_speed or np.inf for drive in robot.drives]
-    i = int(np.argmax(speeds / np.array(most)))
-    if speeds[i] > most[i]:
-        unit = f"{robot.units(robot.drives[i]).coordinate}/s"
-        yield Verdict(
-            "time-unit",
-            Grade.WRONG,
-            f"{robot.drives[i]} would move at {speeds[i]:.2g} {unit} on average, and its limit is "
-            f"{most[i]:.2g} {unit}; in {seconds:.2g} s no columns can be judged",
-            cause="time is in another unit",
-            cure="declare the unit of the time column, such as time: {column: t, unit: min}",
-            number=float(speeds[i] / most[i]),
-        )
 
 
 def _senseless(log: RemappedRecording) -> Verdict:

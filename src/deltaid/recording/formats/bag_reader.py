@@ -30,6 +30,8 @@ _FOLDER_CURE = "copy it again; if its recording was cut off, `ros2 bag reindex F
 # Number of messages in memory at a time, and of the first ones whose joints may differ.
 _CHUNK, _FIRST = 4096, 100
 JOINT_STATE = "sensor_msgs/msg/JointState"
+# Quantities for which a topic is read on until they have numbers.
+_NEEDED = {"position", "effort"}
 # For each quantity of a message: quantity in mappings, unit of turning joints, and default name.
 QUANTITIES = {
     "position": ("position", "rad", "q"),
@@ -204,8 +206,8 @@ def topics_of(bag: Bag) -> list[Topic]:
 
 
 def _topic(bag: Bag, name: str) -> Topic | None:
-    """A topic by its first messages, or by more as long as a quantity has no numbers: drives that
-    are switched on later have no torques before."""
+    """A topic by its first messages, or by more as long as positions or torques have no numbers:
+    drives that are switched on later have no torques before."""
     kind, before, first, received = bag.topics[name], 0, 0, None
     joints: dict[str, tuple[str, ...]] = {}
     hollow = dict.fromkeys(QUANTITIES, "empty lists") if kind == JOINT_STATE else {}
@@ -230,7 +232,7 @@ def _topic(bag: Bag, name: str) -> Topic | None:
         first = first or next(iter(stamps[stamps != 0].tolist()), 0)
         received = chunk[0][1] if received is None else received
         before += len(chunk)
-        if not hollow:
+        if not _NEEDED & hollow.keys():
             break
     return None if received is None else Topic(name, kind, joints, hollow, first, received)
 
