@@ -50,6 +50,14 @@ def test_what_describes_no_robot_is_refused(tmp_path: Path, key: str, value: obj
         check(changed_file(tmp_path, {key: value}))
 
 
+def test_a_robot_that_keeps_its_limits_nowhere_is_wrong(tmp_path: Path) -> None:
+    found = check(changed_file(tmp_path, {"limbs.working_mode": "inwards"}))
+    verdict = verdict_of(found, "workspace")
+    assert verdict.grade is Grade.WRONG
+    assert "100 % of the workspace cannot be used" in verdict.seen
+    assert "working_mode" in verdict.cure
+
+
 def test_one_length_in_millimetres(tmp_path: Path) -> None:
     found = check(changed_file(tmp_path, {"limbs.platform_radius": 125}))
     (proposal,) = verdict_of(found, "length-unit").proposals

@@ -120,6 +120,30 @@ def test_nan_pose_is_refused() -> None:
         kinematics("even").inverse(np.array([[0, 0, -1.0], [0, np.nan, -1.0]]))
 
 
+def standing(name: str, mode: str = "outwards") -> RobotDescription:
+    """The mirror image of a robot, with its platform above its motors."""
+    data = load_robot(name).model_dump(exclude_none=True)
+    low, high = data["workspace"]["z"]
+    data["workspace"]["z"] = (-high, -low)
+    for limits in data["drive_limits"].values():
+        first, last = limits["angle_deg"]
+        limits["angle_deg"] = (-last, -first)
+    data["limbs"]["working_mode"] = mode
+    return RobotDescription.model_validate(data)
+
+
+def test_elbows_point_outwards_below_a_platform_too() -> None:
+    hanging, upright = (Kinematics(robot("clavel-delta3")) for robot in (load_robot, standing))
+    z = poses_within_reach(hanging)
+    mirrored = z * [1, 1, -1]
+    q = hanging.inverse(z)
+    np.testing.assert_allclose(upright.inverse(mirrored), -q, atol=1e-12)
+    np.testing.assert_allclose(upright.forward(-q), mirrored, atol=1e-12)
+    inwards = Kinematics(standing("clavel-delta3", "inwards"))
+    with pytest.raises(KinematicsError, match=r"elbow of limb \d points outwards"):
+        inwards.forward(-q)
+
+
 def with_tool(name: str, **platform: object) -> RobotDescription:
     robot = load_robot(name)
     return robot.changed(platform=robot.platform.changed(**platform))

@@ -11,17 +11,18 @@ from deltaid.dynamics.limits import AtRest, Poses, kind_of_limit, torque_limits
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.windings import SOFTEST, UNITS_OF_STIFFNESS
 from deltaid.errors import KinematicsError
-from deltaid.model.verdict import Fault, Grade, Verdict, listed, percent
+from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 
-# Poses evaluated, and the share of them that may violate a limit at the workspace's edge.
+# Poses evaluated, and the share of them that may violate a limit, as those at the workspace's edge
+# do; where no larger share keeps all limits, the description is wrong.
 _POINTS, _EDGE = 4096, 0.01
 _CUT = Fault(
     "workspace",
     "share",
-    "a workspace that is larger than what the machine can do, or a limit, a zero or a length that "
-    "is wrong",
+    "a workspace that is larger than what the machine can do, or a limit, a zero, a length or a "
+    "working mode that is wrong",
 )
 _HOLDS = Fault("torque-limit", "of the limit")
 # Time in which no motor reaches its top speed: that of the current loops of fast drives [s].
@@ -90,7 +91,8 @@ def _cut(robot: AtRest, poses: Poses) -> Verdict:
         f"{percent(lost)} of the workspace cannot be used: {cuts}",
         "workspace",
         lost,
-        cure=f"shrink the workspace or widen the limits{needed}, and check the lengths",
+        grade=graded(lost, _EDGE, 1 - _EDGE),
+        cure=f"shrink the workspace or widen the limits{needed}; check lengths and working_mode",
     )
 
 

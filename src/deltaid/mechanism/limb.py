@@ -175,7 +175,7 @@ def _rotary(
     outwards, lateral, height = d[0], d[1], d[2]
     rho_squared = outwards**2 + height**2
     kappa = (rho_squared + (lateral**2 + (L**2 - l**2))) * (0.5 / L)
-    root = ca.sqrt(rho_squared - kappa**2) * (1 if limb.outwards else -1)
+    root = ca.sqrt(rho_squared - kappa**2) * limb.root
     share = reciprocal(rho_squared)
     cos_q = (kappa * outwards - root * height) * share
     sin_q = -(kappa * height + root * outwards) * share
@@ -200,11 +200,11 @@ def _angle(cos: ca.SX, sin: ca.SX, middle: float) -> ca.SX:
 
 def _linear(p: ca.SX, limb: LimbGeometry, l: _Length) -> _Drive:
     """With p from the rail's zero point to the platform joint and e along the rail, |p − q e| = l
-    gives q = e·p ∓ √(l² − |p|² + (e·p)²); −, the carriage above, where `limb.outwards`."""
+    gives q = e·p ∓ √(l² − |p|² + (e·p)²); −, the carriage above, where `limb.root` is 1."""
     e = fixed(limb.rail)
     along = ca.dot(e, p)
     aside_squared = ca.sumsqr(p) - along**2
-    q = along - (1 if limb.outwards else -1) * ca.sqrt(l**2 - aside_squared)
+    q = along - limb.root * ca.sqrt(l**2 - aside_squared)
     none = ca.SX(3, 1)
     return _Drive(q, ca.SX(1), ca.SX(0), q * e, e, none, l - ca.sqrt(aside_squared))
 
@@ -241,4 +241,4 @@ def mode_margin(q: ca.SX, point: ca.SX, limb: LimbGeometry) -> ca.SX:
         margin = -p[0] * ca.sin(q) - p[2] * ca.cos(q)
     else:
         margin = ca.dot(ca.DM(limb.rail), p) - q
-    return margin if limb.outwards else -margin
+    return limb.root * margin

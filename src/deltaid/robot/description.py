@@ -4,7 +4,7 @@ Keys that end in `_deg` are in degrees, all others in SI units. `docs/convention
 frames.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
 
@@ -186,7 +186,10 @@ class RobotDescription(Shown, Plotted, Reported, Part):
     @property
     def limb_geometry(self) -> tuple[LimbGeometry, ...]:
         """Geometry of each limb; empty for a user-defined mechanism."""
-        return self.limbs.geometry() if self.limbs is not None else ()
+        centre, _ = self.workspace.inner_box
+        limbs = self.limbs.geometry() if self.limbs is not None else ()
+        up = [limb.R_WL[:, 2] @ (centre + limb.attachment - limb.base) for limb in limbs]
+        return tuple(replace(limb, stands=bool(z > 0)) for limb, z in zip(limbs, up, strict=True))
 
     @property
     def _drive_kinds(self) -> tuple[JointKind, ...]:

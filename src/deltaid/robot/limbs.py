@@ -48,6 +48,7 @@ class LimbGeometry:
         outwards: working mode: whether the elbow points outwards (rotary), or the carriage is
             above the platform's joint along the rail (linear).
         spacing: distance between the two struts [m]; None if unknown, or for a single strut.
+        stands: whether the middle of the workspace is above the motor axis, along z of L.
     """
 
     drive: JointKind
@@ -60,6 +61,12 @@ class LimbGeometry:
     struts: int
     outwards: bool
     spacing: float | None = None
+    stands: bool = False
+
+    @property
+    def root(self) -> int:
+        """Sign of the square root in the inverse kinematics of the working mode."""
+        return 1 if self.outwards != (self.stands and self.drive == "rotary") else -1
 
     def fitting_struts(self, held: Float[np.ndarray, " 3"]) -> tuple[float, float]:
         """Shortest and longest strut that can join the drive to a point `held` in the world [m]."""
