@@ -144,6 +144,8 @@ def test_catalogue_robots_are_read_as_answers(name: str) -> None:
         ("delta", {"platform_mass": 490.0}, ("490 kg", "kilograms")),
         ("delta", {"base_radius": 0.05, "arm": 0.02}, ("no place was found", "third")),
         ("linear-delta", {"rail_high": -3.0, "rail_low": -5.0}, ("above its base", "rails")),
+        ("linear-delta", {"tilt": -45.0}, ("meet before their lower ends", "--tilt 45")),
+        ("linear-delta", {"tilt": 80.0}, ("cannot reach", "negative if the rails lean inwards")),
         slow("par4", {"bar": 0.9}, ("no place was found", "--strut")),
     ],
 )  # fmt: skip

@@ -186,8 +186,9 @@ QUESTIONS: tuple[Question, ...] = (
              "m", 1e-3, 5, "drawing, or half of the largest distance", ALL, None, "lengths"),
     Question("platform_radius", "from the middle of the platform to the struts' joints", "m", 1e-3,
              2, _CALIPER, ROUND, None, "lengths"),
-    Question("tilt", "lean of the rails, lower end outwards; 0 upright, 90 flat", "degree", -90,
-             90, "drawing, or a phone's spirit level", LINEAR, _constant(0.0), "lengths"),
+    Question("tilt", "lean of the rails; 0 upright, 90 flat, negative if lower ends lean "
+             "inwards", "degree", -90, 90, "drawing, or a phone's spirit level", LINEAR,
+             _constant(0.0), "lengths"),
     Question("bar", "platform's turning bar: middle to end (H4), length of a rod (Par4)", "m",
              0.002, 1, _CALIPER, BAR,
              lambda kind, a: rounded(a["strut"] / (8 if platform_of(kind) == "h4" else 7)),

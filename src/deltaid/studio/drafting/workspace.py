@@ -31,12 +31,18 @@ def height(kind: str, a: Mapping[str, float]) -> float:
     """Distance of the platform below the base with arms 30° down, or carriages halfway [m].
 
     Raises:
-        DeltaidError: the struts are too short to reach the platform from there.
+        DeltaidError: the struts are too short to reach the platform from there, or the rails meet.
     """
     if kind in LINEAR:
         tilt, along = np.deg2rad(a["tilt"]), 0.5 * (a["rail_low"] + a["rail_high"])
         out, down = a["base_radius"] + along * np.sin(tilt), along * np.cos(tilt)
-        where = "with the carriages halfway"
+        where, ends = "with the carriages halfway", a["base_radius"] + a["rail_high"] * np.sin(tilt)
+        if ends <= 0:
+            raise DeltaidError(
+                f"the rails lean inwards by {-a['tilt']:g}° and meet before their lower ends",
+                where="--tilt",
+                cure=f"--tilt {-a['tilt']:g} if they lean outwards; else a smaller --rail-high",
+            )
     else:
         angle = _angle(a)
         out, down = a["base_radius"] + a["arm"] * np.cos(angle), a["arm"] * np.sin(angle)
@@ -49,7 +55,8 @@ def height(kind: str, a: Mapping[str, float]) -> float:
             where="--strut",
             cure="a longer strut, a shorter arm, a smaller base or a larger platform"
             if kind not in LINEAR
-            else "a longer strut, a smaller base or a larger platform",
+            else "a longer strut, a smaller base or a larger platform; --tilt is negative if the "
+            "rails lean inwards",
         )
     return float(down + np.sqrt(a["strut"] ** 2 - wide**2))
 
