@@ -148,7 +148,8 @@ def tree_poses(t: ComposedTwin, z: np.ndarray) -> list[tuple[str, np.ndarray, np
         found.append(("P", *tree["part0"]))
     else:
         part = body_names(oracle)[-2 if t.make.kind == "i4" else -3]
-        found += [(part, *tree["part0"]), (part, *tree["part1"])]
+        R, r = tree["part1"]
+        found += [(part, *tree["part0"]), (part, R @ np.diag([-1, -1, 1]), r)]
     if t.make.kind == "h4":
         found.append(("MB", *tree["bar"]))
     if t.make.kind == "par4":

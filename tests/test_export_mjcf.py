@@ -16,6 +16,8 @@ from deltaid.exports.plain_friction import plain_friction
 from deltaid.exports.tree import spanning_tree
 from deltaid.model.model import Model
 from deltaid.robot.friction import Stribeck
+from deltaid.robot.sensors import BaseWrench
+from deltaid.sensors.robot_sensors import sensor_rows
 from exports import (
     COMPOSED,
     TOOLS,
@@ -32,6 +34,7 @@ from exports import (
     tree_motion,
     with_friction,
 )
+from sensor_rows import dense
 from support import KINDS, along, assert_close
 from sweeps import swept
 
@@ -86,6 +89,20 @@ def test_poses_masses_and_closed_loops(case: str | Make) -> None:
     moments = np.sort(simulation.model.body_inertia[heavy], axis=1)
     assert (moments[:, 0] > 0).all()
     assert (moments[:, 0] + moments[:, 1] > moments[:, 2]).all()
+
+
+@pytest.mark.parametrize("case", TOOLS)
+def test_the_weight_on_the_base_acts_at_the_centre_of_mass(case: str) -> None:
+    chosen = subject(case)
+    simulation, robot = Simulation(chosen), chosen.robot
+    mujoco.mj_forward(simulation.model, simulation.data)
+    weight = total_mass(chosen) * np.array(robot.gravity)
+    plate = BaseWrench(kind="base-wrench", force_bias=0, moment_bias=0)
+    still = np.zeros((1, chosen.dynamics.dof))
+    rows = dense(sensor_rows(chosen.dynamics, "s", plate), (chosen.home[None], still, still))
+    force, moment = (rows[0] @ np.pad(chosen.p, (0, rows.shape[2] - len(chosen.p)))).reshape(2, 3)
+    assert_close(-force, weight, 1e-12)
+    assert_close(-moment, np.cross(simulation.data.subtree_com[0], weight), 1e-12)
 
 
 def placed(chosen: Model, z: np.ndarray) -> list:

@@ -8,7 +8,6 @@ import pytest
 from composed import Make, twin
 from deltaid.dynamics.dynamics import compiled
 from deltaid.joint_forces.constraint_forces import ConstraintForces
-from deltaid.mechanism.platform import with_turned_half
 from deltaid.robot.load import load_robot
 from deltaid.robot.sensors import BaseWrench, StrutForce
 from deltaid.sensors.planning.exchange import exchanges, instances
@@ -103,7 +102,7 @@ def left_open(name: str, *sensors: BaseWrench | StrutForce) -> NullSpace:
     dynamics, motion = where.dynamics, where.motion
     rows = [torque_rows(where)]
     rows += [planned_rows(where, sensor_rows(dynamics, "s", sensor))[1] for sensor in sensors]
-    mechanism = with_turned_half(dynamics.kinematics.mechanism)
+    mechanism = dynamics.kinematics.mechanism
     found = exchanges(dynamics.robot, dynamics.layout, instances(mechanism, motion.z[::50]))
     return null_space(np.vstack(rows)[:, : len(where.p)], dynamics.layout, found)
 
@@ -200,7 +199,7 @@ def test_random_robots_have_all_of_their_directions_named(make: Make) -> None:
     motion = generic_motion(dynamics, 20.0, 0)
     where = PlannedRecording(dynamics, motion, 1.0, np.ones(dynamics.dof))
     rows = torque_rows(where)[:, : len(where.p)]
-    mechanism = with_turned_half(dynamics.kinematics.mechanism)
+    mechanism = dynamics.kinematics.mechanism
     found = exchanges(robot, dynamics.layout, instances(mechanism, motion.z[::50]))
     null = null_space(rows, dynamics.layout, found)
     words = [direction.words for direction in null.directions]

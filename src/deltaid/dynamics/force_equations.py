@@ -38,7 +38,6 @@ from deltaid.dynamics.force_parts import (
 from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.errors import DescriptionError
 from deltaid.mechanism.mechanism import Mechanism, MovingBody
-from deltaid.mechanism.platform import with_turned_half
 from deltaid.mechanism.rotation import inverse
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.limbs import LimbGeometry
@@ -81,7 +80,6 @@ def splits(robot: RobotDescription) -> bool:
 
 def build_forces(robot: RobotDescription, mechanism: Mechanism) -> ForceEquations:
     """Derive the forces of a robot with limbs and a platform."""
-    mechanism = with_turned_half(mechanism)
     forces, speeds = SpeedForces(robot, mechanism), mechanism.speeds
     channels, struts = _Build(robot, mechanism, forces).channels()
     values = speeds.by_drives()(ca.vertcat(*[c.value for c in channels]))

@@ -21,6 +21,7 @@ from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
 from deltaid.mechanism.mechanism import LimbBodies
+from deltaid.mechanism.platform import HALF_TURN
 from deltaid.mechanism.skeleton import drawn_spacing
 from deltaid.mechanism.tree_joints import tree_coordinates
 from deltaid.model.model import Model
@@ -31,6 +32,8 @@ from deltaid.robot.platform import H4Platform, I4Platform, Par4Platform, RigidPl
 Vector = Float[np.ndarray, " 3"]
 I, ZERO = np.eye(3), np.zeros(3)
 X, Y, Z = I
+# Rotations of the two equal parts of a platform, both in the middle's frame.
+_HALVES = (I, HALF_TURN)
 
 
 @dataclass(frozen=True)
@@ -176,10 +179,11 @@ def require_physical(model: Model, cure: str) -> None:
 def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies) -> Iterator[Part]:
     """Driven body and strut, R_LS = R_y(α) R_z(β)."""
     n, platform, rotary = i + 1, subject.robot.platform, geometry.drive == "rotary"
-    driven, rod, held = f"{limb.driven.name[0]}{n}", f"S{n}", "P"
+    driven, rod, held, frame = f"{limb.driven.name[0]}{n}", f"S{n}", "P", I
     if not isinstance(platform, RigidPlatform):
-        held = f"{platform.bodies[0]}{1 if platform.on_first(i) else 2}"
-    elbow, seat = geometry.upper_arm * X, geometry.attachment
+        second = not platform.on_first(i)
+        held, frame = f"{platform.bodies[0]}{1 + second}", _HALVES[second]
+    elbow, seat = geometry.upper_arm * X, frame.T @ geometry.attachment
     drive = TreeJoint(f"drive{n}", not rotary, Y if rotary else geometry.rail)
     p = subject.body(limb.driven.name)
     yield TreeBody(driven, "", geometry.R_WL, geometry.base, (drive,), p)
@@ -196,7 +200,7 @@ def _limb(subject: Model, i: int, geometry: LimbGeometry, limb: LimbBodies) -> I
             name,
             rod,
             TreePoint(f"{name}_elbow", driven, elbow + side * Y),
-            TreePoint(f"{name}_seat", held, seat + side * geometry.R_WL[:, 1]),
+            TreePoint(f"{name}_seat", held, seat + side * frame.T @ geometry.R_WL[:, 1]),
         )
 
 
@@ -216,37 +220,40 @@ def _hinged(subject: Model, platform: H4Platform | Par4Platform) -> Iterator[Par
     part, middle = platform.bodies[:2]
     slides = (*_slides("middle"), TreeJoint("platform", False, Z))
     yield TreeBody(middle, "", I, ZERO, slides, bars * subject.body(middle))
-    for k, side in ((1, half), (2, -half)):
+    for k, frame, side in zip((1, 2), _HALVES, (half, -half), strict=True):
         back = TreeJoint(f"part{k}_turn", False, Z)
-        yield TreeBody(f"{part}{k}", middle, I, side * X, (back,), subject.body(part))
+        yield TreeBody(f"{part}{k}", middle, frame, side * X, (back,), subject.body(part))
         yield Coupling(back.name, "platform", -1.0)
-    carrier, slides = _tool_carrier(platform), ()
+    carrier, frame, slides = *_tool_carrier(platform), ()
     if not carrier:  # follows the middle without turning with it
         slides = _slides("tool")
         yield from (Coupling(f"tool_{axis}", f"middle_{axis}", 1.0) for axis in "xyz")
     joints = (*slides, TreeJoint("tool", False, Z))
-    yield TreeBody("EE", carrier, I, np.array(platform.tool), joints, subject.body("EE"))
+    place = frame.T @ np.array(platform.tool)
+    yield TreeBody("EE", carrier, frame.T, place, joints, subject.body("EE"))
     yield Coupling("tool", "platform", platform.ratio)
 
 
 def _i4(subject: Model, platform: I4Platform) -> Iterator[Part]:
     """The first half platform slides in the world; the second one and the tool slide on the
     first."""
-    half, carrier, turn = subject.body("HP"), _tool_carrier(platform), TreeJoint("tool", False, Z)
-    along, rack = (TreeJoint(name, True, -platform.direction) for name in ("platform", "tool_rack"))
+    half, turn, back = subject.body("HP"), TreeJoint("tool", False, Z), -platform.direction
+    (carrier, frame), second = _tool_carrier(platform), HALF_TURN
     yield TreeBody("HP1", "", I, ZERO, _slides("part1"), half)
-    yield TreeBody("HP2", "HP1", I, ZERO, (along,), half)
-    joints, place = (turn,) if carrier else (rack, turn), np.array(platform.tool)
-    yield TreeBody("EE", carrier or "HP1", I, place, joints, subject.body("EE"))
+    along = TreeJoint("platform", True, second.T @ back)
+    yield TreeBody("HP2", "HP1", second, ZERO, (along,), half)
+    joints = (turn,) if carrier else (TreeJoint("tool_rack", True, back), turn)
+    place = frame.T @ np.array(platform.tool)
+    yield TreeBody("EE", carrier or "HP1", frame.T, place, joints, subject.body("EE"))
     yield Coupling("tool", "platform", platform.ratio)
     if not carrier:  # half-way between the half platforms
         yield Coupling("tool_rack", "platform", 0.5)
 
 
-def _tool_carrier(platform: H4Platform | Par4Platform | I4Platform) -> str:
-    """Name of the part that carries the tool; empty for the middle."""
+def _tool_carrier(platform: H4Platform | Par4Platform | I4Platform) -> tuple[str, np.ndarray]:
+    """Name and rotation of the part that carries the tool; the name is empty for the middle."""
     number = {"middle": "", "first": "1", "second": "2"}[platform.tool_on]
-    return number and f"{platform.bodies[0]}{number}"
+    return number and f"{platform.bodies[0]}{number}", _HALVES[number == "2"]
 
 
 def _telescope(subject: Model, bar: Telescope) -> Iterator[Part]:

@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from deltaid.mechanism.mechanism import Mechanism, MovingBody
+from deltaid.mechanism.mechanism import MovingBody
 from deltaid.mechanism.rotation import Path, Rotation, Turn, along, fixed, pointing, rotation, skew
 from deltaid.mechanism.speeds import Speed
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.platform import I4Platform, Par4Platform, RigidPlatform, Telescope
 
-_HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+# Rotation from the first to the second of two equal parts, which are mounted 180° about z apart.
+HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,10 @@ def build_platform(robot: RobotDescription, z: Path, grown: ca.SX | None = None)
     joining = platform.bodies[1:-1]
     count = 2 if isinstance(platform, Par4Platform) else 1
     turn = turn_z(along(joint, z))
+    first, second = (_body(platform.bodies[0], part) for part in parts)
     bodies = (
-        *(_body(platform.bodies[0], part) for part in parts),
+        first,
+        replace(second, rotation=replace(second.rotation, R=fixed(HALF_TURN))),
         *(_body(name, along(r, z), turn, count=count) for name in joining),
         _body("EE", carrier.shifted(np.array(platform.tool)), turn_z(z[3])),
     )
@@ -85,24 +88,6 @@ def turn_z(angle: Path) -> Turn:
 
 def _body(name: str, origin: Path, *turns: Turn, count: int = 1) -> MovingBody:
     return MovingBody(name, count, np.eye(3), rotation(*turns), origin)
-
-
-def with_turned_half(mechanism: Mechanism) -> Mechanism:
-    """The same mechanism with its second half platform turned; unchanged without half platforms.
-
-    Both half platforms are the same part, mounted 180° about z apart. They only translate, so drive
-    torques depend on their masses alone, and `build_platform` has both in world axes. Forces that
-    depend on first and second moments, as at the base or in a single strut, need the second turned.
-    """
-    parts = mechanism.platform
-    if len(parts) < 2 or parts[0].name != parts[1].name:
-        return mechanism
-    turn: ca.SX = fixed(_HALF_TURN)
-    was = parts[1].rotation
-    turned = Rotation(was.R @ turn, turn.T @ was.w, turn.T @ was.alpha)
-    second = replace(parts[1], rotation=turned)
-    bodies = tuple(second if body is parts[1] else body for body in mechanism.bodies)
-    return replace(mechanism, bodies=bodies, platform=(parts[0], second, *parts[2:]))
 
 
 def build_telescope(

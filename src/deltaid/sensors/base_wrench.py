@@ -26,7 +26,6 @@ from jaxtyping import Float
 from deltaid.dynamics.force_parts import LoadedBody
 from deltaid.dynamics.speed_forces import SpeedForces
 from deltaid.errors import DescriptionError
-from deltaid.mechanism.platform import with_turned_half
 from deltaid.mechanism.rotation import fixed
 from deltaid.robot.parameter import PriorParameter
 from deltaid.robot.sensors import BaseWrench
@@ -70,7 +69,7 @@ class BaseWrenchRows(SensorRows):
 
     @property
     def graph(self) -> ca.SX:
-        robot, mechanism = self.dynamics.robot, with_turned_half(self.dynamics.kinematics.mechanism)
+        robot, mechanism = self.dynamics.robot, self.dynamics.kinematics.mechanism
         forces, origin = SpeedForces(robot, mechanism), ca.SX(ca.DM(self.sensor.position))
         force, moment = ca.SX(3, 1), ca.SX(3, 1)
         for body in mechanism.bodies:

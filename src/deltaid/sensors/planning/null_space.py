@@ -17,7 +17,6 @@ from jaxtyping import Bool, Float
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.levels import FAINT, NEGLIGIBLE
-from deltaid.mechanism.platform import with_turned_half
 from deltaid.sensors.planning.exchange import Exchange, eliminate, exchanges, instances
 from deltaid.sensors.planning.rows import Extended, PlannedMotion
 from deltaid.sensors.planning.uses import Use
@@ -193,7 +192,7 @@ def openings(
     bought: Sequence[Use],
 ) -> tuple[Opening, ...]:
     """Null spaces of torques, then with the description's rows, each use, and all purchases."""
-    layout, mechanism = dynamics.layout, with_turned_half(dynamics.kinematics.mechanism)
+    layout, mechanism = dynamics.layout, dynamics.kinematics.mechanism
     proposed = exchanges(dynamics.robot, layout, instances(mechanism, motion.z[motion.few]))
     known, titles = np.vstack([torque, described]), {use.name: use.title for use in uses}
 
