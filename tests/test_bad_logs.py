@@ -139,6 +139,16 @@ BAD_TEXT = {
         "log.csv: column t makes a sampling rate of 1e-06 Hz",
         "unit: ns",
     ),
+    "a counter of cycles": (
+        changed(t=pl.int_range(pl.len())),
+        "log.csv: column t makes a sampling rate of 1 Hz",
+        "if t counts rows or cycles, give the sampling rate in its place (time: {rate: 1000})",
+    ),
+    "time in hours": (
+        changed(t=pl.col("t") / 3600),
+        "log.csv: column t makes a sampling rate of 3.6e+06 Hz; at most 1e+06 Hz can be",
+        "unit: 3600 s makes 1000 Hz",
+    ),
     "time in microseconds": (changed(t=1e6 * pl.col("t")), "rate of 0.001 Hz", "unit: us"),
     "milliseconds since 1970": (
         changed(t=1.772e12 + (1e3 * pl.col("t")).round()),

@@ -339,8 +339,12 @@ def test_a_drive_that_is_reversed_in_one_of_two_recordings_is_named_there() -> N
     ]
 
 
-@pytest.mark.parametrize("factor", [30.0, 150.0])
-def test_a_time_so_much_too_short_that_nothing_can_be_filtered_is_named(factor: float) -> None:
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(30.0, "min"), (150.0, "min"), (3.6e3, "3600 s"), (8.64e4, "86400 s")]
+)
+def test_a_time_so_much_too_short_that_nothing_can_be_filtered_is_named(
+    factor: float, unit: str
+) -> None:
     name = "irb360-6-1600"
     columns = times(without(recorded(name), "qd"), t=1 / factor)
     (verdict,) = checked_wiring(evidence_of(name, columns))
@@ -349,6 +353,7 @@ def test_a_time_so_much_too_short_that_nothing_can_be_filtered_is_named(factor: 
     limits = [load_robot(name).limits_of(f"drive{i + 1}").top_speed for i in range(4)]
     largest = max(v / most for v, most in zip(chords, limits, strict=True) if most)
     assert 1.0 < verdict.number <= largest
+    assert f"unit: {unit}}}" in verdict.cure
 
 
 def test_a_torque_column_copied_from_another_drive_is_refused() -> None:

@@ -45,8 +45,8 @@ _TOGETHER, _APART = 0.9, 0.3
 _SCALE = (0.8, 1.25)
 # Rms of Δq below which a drive counts as resting [rad, rad/s].
 _SLIGHT = 1e-3
-# Unit of times in days, as spreadsheets write dates, and the other possible fix.
-_OF_DAYS = ("86400 s", "give the sampling rate in its place (time: {rate: 1000})")
+# Longer units of time per second; spreadsheets write dates in days.
+PER_SECOND_LONGER = {"min": 1 / 60, "3600 s": 1 / 3600, "86400 s": 1 / 86400}
 # Factors between SI units and units that are easily confused with them.
 _LIKELY = {"degrees": 180 / np.pi, "rpm": 30 / np.pi}
 # Wrong readings: most rows, least ratio of their jump there and back to the largest other change
@@ -292,11 +292,17 @@ def require_rate(table: LogTable, column: str, rate: float, *, differentiated: b
     slow = differentiated and rate < LOWEST_RATE
     if slow or rate > HIGHEST_RATE:
         limit = f"at least {LOWEST_RATE:g}" if slow else f"at most {HIGHEST_RATE:g}"
-        likely = [unit for unit, ticks in PER_SECOND.items() if rate * ticks >= LOWEST_RATE]
-        unit, otherwise = ((likely or ["ns"])[-1], "record faster") if slow else _OF_DAYS
+        units = PER_SECOND if slow else PER_SECOND_LONGER
+        rates = {unit: rate * per for unit, per in units.items()}
+        makes = [
+            f"unit: {unit} makes {rates[unit]:.4g} Hz"
+            for unit in reversed(rates)
+            if LOWEST_RATE <= rates[unit] <= HIGHEST_RATE
+        ]
         raise RecordingError(
             f"column {column} makes a sampling rate of {rate:.4g} Hz; {limit} Hz can be",
             where=str(table.path),
             cure="declare the unit of time with --columns MAPPING.yaml (time: {column: "
-            f"{column}, unit: {unit}}}), or {otherwise}",
+            f"{column}, unit: …}}{''.join(f'; {made}' for made in makes)}); if {column} counts "
+            "rows or cycles, give the sampling rate in its place (time: {rate: 1000})",
         )
