@@ -319,6 +319,10 @@ def test_a_name_that_stands_twice_is_named_with_its_columns(tmp_path: Path) -> N
     result = run("columns", path, "clavel-delta3")
     assert "missing: position" in result.out
     assert "log.csv: has 2 columns called q1 (columns 2 and 3)" in result.err
+    path.write_text(recorded(300).with_columns(x="t").write_csv().replace("x", "tau1", 1))
+    proposal = deltaid.columns(path, "clavel-delta3")
+    assert proposal.doubts == ("torque: has 2 columns called tau1 (columns 5 and 8)",)
+    assert not proposal.certain
 
 
 @pytest.mark.parametrize("hint", ["sep=,\n", "SEP=,\r\n", '"sep=,"\n', "\ufeffsep=,\n"])

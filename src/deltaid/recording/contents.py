@@ -102,7 +102,12 @@ def read_contents(
     warnings = tuple(f"{source}: {text}" for text in (*table.warnings, *doubts))
     if linear is None:
         linear = [False] * count_drives(found_columns)
-    proposal = replace(proposed_mapping(found_columns, linear, known), warnings=warnings)
+    proposal = proposed_mapping(found_columns, linear, known)
+    found = tuple(
+        replace(part, doubts=(*part.doubts, *filter(None, map(table.repeated, part.columns))))
+        for part in proposal.found
+    )
+    proposal = replace(proposal, found=found, warnings=warnings)
     return Contents(found_columns, rows, proposal)
 
 
