@@ -3,13 +3,16 @@
 `benchmarks/damaged_files.py` damages hundreds of files of each kind.
 """
 
+import bz2
 import errno
 import gzip
 import io
+import lzma
 import os
 import random
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +41,16 @@ FOREIGN = {
     "JSON of rows": (b'\xef\xbb\xbf[ {"t": 0.0, "q1": 0.1}, {"t": 0.001, "q1": 0.1}]', "is JSON"),
     "JSON of columns": (b'{\n"t": [0.0, 0.001], "q1": [0.1, 0.2]}', "is JSON"),
     "JSON of arrays": (b"[[0.0, 0.1], [0.001, 0.2]]", "is JSON"),
+    "xz": (lzma.compress(GOOD.encode()), "is a file compressed by xz\n  → unpack it"),
+    "bzip2": (bz2.compress(GOOD.encode()), "is a file compressed by bzip2\n  → unpack it"),
+    "tar inside gzip": (
+        gzip.compress(tarfile.TarInfo("log.csv").tobuf() + GOOD.encode()),
+        "is a tar archive\n  → unpack it",
+    ),
+    "names in Chinese": (
+        GOOD.replace("q", "位置").encode("gb18030"),
+        "→ save the file as UTF-8, in which its names are not; or rename",
+    ),
     "page": (b"\n<!DOCTYPE html><html>login</html>", "is XML or a web page"),
     "MATLAB": (b"MATLAB 5.0 MAT-file" + bytes(200), "is a damaged MATLAB file"),
     "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(100), "is a damaged HDF5 file"),

@@ -38,12 +38,19 @@ from deltaid.recording.source import (
 from deltaid.recording.time.counts import Unwrapper, in_seconds, unwrappers
 from deltaid.robot.part import LARGEST
 
-# First bytes of kinds of files that are not supported.
+_EXPORT, _UNPACK = "export it as CSV in UTF-8 or as Parquet", "unpack it"
+# First bytes of kinds of files that are not supported, with the fix.
 _FOREIGN = {
-    rb"PK\x03\x04": "an Excel workbook or a ZIP archive",
-    rb"\xd0\xcf\x11\xe0": "an old Excel workbook",
-    rb"(?:\xef\xbb\xbf)?\s*(?:\{|\[\s*[\[{])": "JSON",
-    rb"(?i)(?:\xef\xbb\xbf)?\s*<(?:\?xml|!doctype|html)": "XML or a web page",
+    rb"PK\x03\x04": ("an Excel workbook or a ZIP archive", f"{_EXPORT}, or {_UNPACK}"),
+    rb"\xd0\xcf\x11\xe0": ("an old Excel workbook", _EXPORT),
+    rb"(?:\xef\xbb\xbf)?\s*(?:\{|\[\s*[\[{])": ("JSON", _EXPORT),
+    rb"(?i)(?:\xef\xbb\xbf)?\s*<(?:\?xml|!doctype|html)": ("XML or a web page", _EXPORT),
+    rb"\xfd7zXZ\x00": ("a file compressed by xz", _UNPACK),
+    rb"BZh[1-9]1AY&SY": ("a file compressed by bzip2", _UNPACK),
+    rb"\x04\x22\x4d\x18": ("a file compressed by lz4", _UNPACK),
+    rb"7z\xbc\xaf\x27\x1c": ("a 7z archive", _UNPACK),
+    rb"Rar!\x1a\x07": ("a RAR archive", _UNPACK),
+    rb"(?s).{257}ustar": ("a tar archive", _UNPACK),
 }
 # Numbers of states in words.
 _STATES = {"true": 1.0, "on": 1.0, "false": 0.0, "off": 0.0}
@@ -109,11 +116,9 @@ def open_table(path: Path, mapping: ColumnMapping | None = None) -> LogTable:
     if kind and not kind.unpacks and (packing := packed_by(path)):
         raise RecordingError(f"is {kind.name} inside {packing}", where=str(path), cure="unpack it")
     if kind is None:
-        for signature, name in _FOREIGN.items():
+        for signature, (name, cure) in _FOREIGN.items():
             if re.match(signature, start):
-                raise RecordingError(
-                    f"is {name}", where=str(path), cure="export it as CSV in UTF-8 or as Parquet"
-                )
+                raise RecordingError(f"is {name}", where=str(path), cure=cure)
         suffix = path.suffix.lower()
         kind = next((kind for kind in FORMATS if suffix in kind.suffixes), None)
     return kind.open(path) if kind else open_csv(path, mapping or ColumnMapping())

@@ -22,6 +22,7 @@ from deltaid.recording.formats.csv_lines import (
     is_comment,
     is_marked_row,
     is_number,
+    is_utf8,
     names_in,
     separator_of,
 )
@@ -68,6 +69,7 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
                 first_row = _after_comments(lines, first_row + 1)
         above = range(header.row + 1, first_row) if mapping.data_row is None else ()
         marked = [row for row in above if _is_marked(lines[row], header)]
+        names_are_utf8 = is_utf8(lines[header.row])
         data = lines.data(first_row, header.separator)
     if data.tag:
         warnings.append(
@@ -88,7 +90,8 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
         warnings=tuple(warnings),
         cure_of_missing="separate the columns by comma, semicolon, tab or blanks"
         if len(header.names) == 1
-        else "rename the columns to t, q1…, tau1… (and qd1…, qdd1… if recorded), or say which is "
+        else ("" if names_are_utf8 else "save the file as UTF-8, in which its names are not; or ")
+        + "rename the columns to t, q1…, tau1… (and qd1…, qdd1… if recorded), or say which is "
         "which with --columns MAPPING.yaml, and in which row (header_row) the names are",
     )
 
