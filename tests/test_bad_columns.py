@@ -158,10 +158,14 @@ DERIVATIVES = recorded(1500, derivatives=True)
         ({"qdd2": 1e-3 * pl.col("qdd2")}, ("column qdd2 is 0.001", "rate at which qd2")),
         ({"qd2": pl.lit(0.0)}, ("column qd2 is constant; but q2 is not",)),
         ({"qdd1": pl.lit(0.0)}, ("column qdd1 is constant; but q1 is not",)),
+        ({"qd2": pl.lit(None)}, ("column qd2 is empty", "; or exclude it by `velocity: []`")),
+        ({"qdd2": pl.lit("NaN")}, ("column qdd2 is 'NaN'", "exclude it by `acceleration: []`")),
     ],
 )
 def test_derivatives_that_are_none(tmp_path, opened, columns, fragments) -> None:
     path = write(tmp_path / "log.csv", DERIVATIVES.with_columns(**columns))
+    excluded = ColumnMapping.model_validate({"velocity": [], "acceleration": []})
+    assert len(opened(path, excluded).columns.all) == 7
     message = refusal(opened, path)
     assert message.startswith(str(path))
     for fragment in fragments:

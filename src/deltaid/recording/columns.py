@@ -101,6 +101,12 @@ class Columns:
         """Columns whose positions are differentiated, whatever rates the log has."""
         return replace(self, velocity=(), acceleration=())
 
+    def exclusion(self, channel: Channel) -> str:
+        """Fix that excludes the rates of a channel, which follow from positions; else empty."""
+        rates = {"velocity": self.velocity, "acceleration": self.acceleration}
+        lines = (f"{name}: []" for name, channels in rates.items() if channel in channels)
+        return "".join(f"; or exclude it by `{line}` in a mapping" for line in lines)
+
     @property
     def all(self) -> tuple[Channel, ...]:
         return (self.time, *self.drives, *self.extra)

@@ -10,6 +10,7 @@ from deltaid.recording.address import Pick, find, listing
 from deltaid.recording.columns import Channel, Columns, SensorChannels, TimeChannel
 from deltaid.recording.mapped_columns import (
     DATES,
+    NEEDED,
     QUANTITIES,
     SHORT_NAMES,
     TIMES,
@@ -173,7 +174,7 @@ def _declared(
     dof = len(linear)
     if isinstance(given, AllDrives):
         given = given.entries(dof, f"{source}, {quantity}")
-    if len(given) != dof:
+    if len(given) != dof and (given or quantity in NEEDED):
         raise RecordingError(
             f"lists {len(given)} columns, but the robot has {dof} drives",
             where=f"{source}, {quantity}",
@@ -181,7 +182,7 @@ def _declared(
         )
     return tuple(
         _channel(quantity, column, slides, f"{source}, {quantity}[{i}]")
-        for i, (column, slides) in enumerate(zip(given, linear, strict=True))
+        for i, (column, slides) in enumerate(zip(given, linear, strict=bool(given)))
     )
 
 

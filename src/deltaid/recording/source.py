@@ -145,11 +145,14 @@ class LogTable(ABC):
         several = f"has {len(places)} columns called {name} (columns {' and '.join(places)})"
         return several if len(places) > 1 else ""
 
-    def bad_value(self, column: str, written: object, place: str) -> RecordingError:
-        """Error for a field that is not a finite number."""
+    def bad_value(
+        self, column: str, written: object, place: str, otherwise: str = ""
+    ) -> RecordingError:
+        """Error for a field that is not a finite number; `otherwise` is one more fix."""
         text = "" if written is None else visible(str(written), kept="")
         what = f"is '{text[:40]}', not a finite number" if text else "is empty"
-        return RecordingError(f"column {quoted(column)} {what}", where=place, cure=self.cure(text))
+        cure = self.cure(text) + otherwise
+        return RecordingError(f"column {quoted(column)} {what}", where=place, cure=cure)
 
     def cure(self, written: str) -> str:
         """Fix of a field that is not a number."""

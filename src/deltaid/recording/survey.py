@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.errors import Doubt, LostReadingError, RecordingError
 from deltaid.mechanism.kinematics import Kinematics
-from deltaid.recording.columns import Columns, Rows
+from deltaid.recording.columns import Channel, Columns, Rows
 from deltaid.recording.masks.search import LoadSearch, MaskSearch
 from deltaid.recording.reach import ReachCheck, Stretch
 from deltaid.recording.row_sample import NO_ROWS, sampled
@@ -221,7 +221,7 @@ class Survey:
         }
         for channel in c.torque:
             if resting[channel.column]:
-                raise self._nothing_recorded(channel.column, "no torque was recorded")
+                raise self._nothing_recorded(channel, "no torque was recorded")
         for i, channel in enumerate(c.position):
             if resting[channel.column]:
                 self.warnings.append(
@@ -238,7 +238,7 @@ class Survey:
             for rates in (c.velocity, c.acceleration):
                 if rates and resting[rates[i].column]:
                     raise self._nothing_recorded(
-                        rates[i].column, f"but {channel.column} is not, so it was not recorded"
+                        rates[i], f"but {channel.column} is not, so it was not recorded"
                     )
 
     def _doubts_about_jumps(self) -> Iterator[Doubt]:
@@ -276,9 +276,10 @@ class Survey:
                     cure="such rows do not count for the sensor; all others do",
                 )
 
-    def _nothing_recorded(self, column: str, why: str) -> RecordingError:
+    def _nothing_recorded(self, channel: Channel, why: str) -> RecordingError:
         return RecordingError(
-            f"column {column} is constant; {why}",
+            f"column {channel.column} is constant; {why}",
             where=str(self.table.path),
-            cure="check the logger's signal, or map the right column with --columns",
+            cure="check the logger's signal, or map the right column with --columns"
+            + self.columns.exclusion(channel),
         )

@@ -99,8 +99,8 @@ class DerivativeCheck:
                     f"column {rate_name} hardly goes with the changes of {name} (correlation "
                     f"{np.sqrt(together):.2g})",
                     cause="it is of another drive, or another signal",
-                    cure="map the column of this drive with --columns, or leave it out: the "
-                    "rates then follow from the positions",
+                    cure="map the column of this drive with --columns, or exclude it there by "
+                    "`velocity: []` or `acceleration: []`: rates then follow from positions",
                     key="velocity",
                 )
             elif together > _TOGETHER and not _is_one(scale):
