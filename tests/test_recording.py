@@ -149,6 +149,10 @@ def test_columns_without_names_are_numbered(tmp_path, frame, separator, number) 
     rows = text(frame, separator, number=number).split("\n", 1)[1]
     path = write(tmp_path / "log.csv", "# a remark\n" + rows)
     np.testing.assert_array_equal(read(path, NUMBERED), frame.to_numpy())
+    path = write(tmp_path / "log.csv", "\ufeff# a remark\nRecorded in May\n" + rows)
+    np.testing.assert_array_equal(read(path, NUMBERED), frame.to_numpy())
+    below = NUMBERED.changed(data_row=3)
+    np.testing.assert_array_equal(read(path, below), frame.to_numpy())
 
 
 def test_whole_numbers_do_not_decide_the_decimal_mark(tmp_path) -> None:

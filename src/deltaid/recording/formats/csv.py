@@ -105,6 +105,8 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Name
     needed = mapping.needed
     numbered = all(name.isdecimal() for names in needed for name in names)
     row = mapping.header_row if given else None
+    if numbered and "header_row" not in mapping.model_fields_set:
+        row = mapping.data_row or _row_above_numbers(lines) or _row_of_numbers(lines)
     if row is None and not numbered:
         texts = ((k, as_text(line)) for k, line in lines.first(SEARCHED_LINES))
         named = (k for k, text in texts for x in (text, _bare(text)) if _has_names(x, needed))
@@ -159,6 +161,15 @@ def _row_above_numbers(lines: HeadLines) -> int | None:
                 return row
             if any(map(is_number, filled)) or len(cells) != len(names):
                 break
+    return None
+
+
+def _row_of_numbers(lines: HeadLines) -> int | None:
+    """First line of as many numbers as a recording has columns at least."""
+    for row, line in lines.first(SEARCHED_LINES):
+        cells = cells_of(as_text(line), separator_of(as_text(line)))
+        if len(cells) >= len(NEEDED) and all(map(is_number, cells)):
+            return row
     return None
 
 

@@ -137,7 +137,7 @@ class TextData:
 
 
 def is_comment(line: bytes) -> bool:
-    return bool(COMMENT.match(line.decode("latin-1")) or _HINT.match(line))
+    return bool(COMMENT.match(as_text(line)) or _HINT.match(line))
 
 
 def is_utf8(line: bytes) -> bool:
