@@ -51,6 +51,11 @@ def robots(folder: Path) -> list[object]:
     return [NAME, path, str(path), robot, data, deltaid.load(NAME), deltaid.Dynamics(NAME)]
 
 
+def test_a_robot_in_any_form_is_loaded(tmp_path: Path) -> None:
+    wanted = deltaid.load_robot(NAME)
+    assert all(deltaid.load_robot(robot) == wanted for robot in robots(tmp_path))
+
+
 def whole_way(robot: object, log: object, unseen: object, folder: Path) -> dict[str, object]:
     """Checks, model, proof, file, torques, forces, drawn models, export: all that comes out."""
     checks = deltaid.check(robot, log, settings=QUICK)

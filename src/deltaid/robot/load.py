@@ -81,22 +81,6 @@ class HasRobot(Protocol):
 RobotLike = RobotDescription | HasRobot | Mapping[str, Any] | str | Path
 
 
-def described(robot: RobotLike) -> RobotDescription:
-    """Description of a robot that is given in any form.
-
-    Raises:
-        DescriptionError: no such robot or file, or it does not describe a robot.
-    """
-    if isinstance(robot, RobotDescription):
-        return robot
-    if isinstance(robot, HasRobot):
-        return robot.robot
-    if isinstance(robot, Mapping):
-        return _usable(RobotDescription.from_dict(robot, "robot"), "", "robot")
-    require_name(robot)
-    return load_robot(robot)
-
-
 def require_name(robot: object) -> None:
     """Refuse anything but a name or a path.
 
@@ -119,12 +103,19 @@ class ModelFile(BaseModel):
     parameters: Annotated[tuple[Any, ...], Field(min_length=1)]
 
 
-def load_robot(robot: str | Path) -> RobotDescription:
-    """Description of a catalogue robot (by name), or from a robot or model file (by path).
+def load_robot(robot: RobotLike) -> RobotDescription:
+    """Description of a catalogue robot (by name), from a robot or model file (by path), from a
+    dictionary, or of an object that has one, such as a model.
 
     Raises:
-        DescriptionError: no such robot or file, or the file does not describe a robot.
+        DescriptionError: no such robot or file, or it does not describe a robot.
     """
+    if isinstance(robot, RobotDescription):
+        return robot
+    if isinstance(robot, HasRobot):
+        return robot.robot
+    if isinstance(robot, Mapping):
+        return _usable(RobotDescription.from_dict(robot, "robot"), "", "robot")
     require_name(robot)
     if str(robot) in catalogue():
         return parse(catalogue_text(str(robot)), RobotDescription, where=f"{robot}.yaml")
@@ -134,6 +125,10 @@ def load_robot(robot: str | Path) -> RobotDescription:
     if holds_a_model(text):
         return bound(parse(text, ModelFile, where=str(robot)).robot, str(robot))
     return described_in(text, str(robot))
+
+
+# Inside the package a robot is given in any form.
+described = load_robot
 
 
 def described_in(text: str, where: str) -> RobotDescription:

@@ -31,6 +31,8 @@ from deltaid.motion.excitation.run import Run, plan_run, run_use, write_run
 from deltaid.motion.excitation.settings import ExcitationSettings
 from deltaid.motion.fourier import Series
 from deltaid.progress import watched
+from deltaid.recording.filter import LOWEST_RATE
+from deltaid.recording.spectrum import HIGHEST
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 # Grid points for each harmonic of the series; random motions that columns are scaled with; range of
@@ -152,11 +154,13 @@ class Exciter(Shown, Plotted):
         slowest, reach = 2 * np.pi / settings.duration, min(_TURN, 0.5 * (turn.high - turn.low))
         centre, half = dynamics.robot.within(0.5 * (turn.low + turn.high), reach)
         fastest = settings.harmonics * _SHORTER / settings.duration
-        if settings.rate < 2 * fastest:
+        # The cut-off of a recording's filter is twice the bandwidth of its motion.
+        least = max(LOWEST_RATE, 2 * fastest / HIGHEST)
+        if settings.rate < least:
             raise DeltaidError(
                 f"{settings.rate:g} Hz does not show a motion of up to {fastest:.3g} Hz",
                 where="rate",
-                cure=f"give {2 * fastest:.3g} Hz or more, or a longer duration",
+                cure=f"give {least:.3g} Hz or more, or a longer duration",
             )
         series = Series(settings.harmonics, slowest, _SHORTER * slowest, centre, half)
         shape = ExcitationProblem(
