@@ -71,6 +71,7 @@ def test_unit_of_positions(name: str, which: int | None, factor: float) -> None:
     verdict = only_verdict(name, times(columns, q=by))
     assert (verdict.key, verdict.grade) == ("angle-unit", Grade.WRONG)
     assert verdict.subject == ("" if which is None else f"drive{which + 1}")
+    assert ("the loops then close" in verdict.seen) == (which != 3)  # no loop has a telescope's
 
 
 @pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "linear-delta", "par4"])

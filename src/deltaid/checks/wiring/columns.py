@@ -53,6 +53,12 @@ def _positions(log: RemappedRecording) -> Iterator[Verdict]:
 def _scaled(log: RemappedRecording, drives: list[int], factor: float) -> Verdict:
     """Positions that must be multiplied by a factor."""
     record, best, whose = log.evidence, log.best, log.all_or(drives)
+    by_prior = all(drive in log.units for drive in drives)
+    reason = (
+        "inertia and friction then agree best with the prior"
+        if by_prior
+        else "the loops then close"
+    )
     name, ratio = named_units(record.robot, drives[0]).get(factor), 1 / factor
     change = record.of_motor if name is None else record.in_unit
     changes: dict[Quantity, Values] = {
@@ -75,8 +81,7 @@ def _scaled(log: RemappedRecording, drives: list[int], factor: float) -> Verdict
     return Verdict(
         "gear" if name is None else "angle-unit",
         Grade.WRONG if best.unexplained < LITTLE else Grade.DOUBTFUL,
-        f"positions of {whose} make sense only times {factor:.3g}: the loops then close, which "
-        f"{log.fits}",
+        f"positions of {whose} make sense only times {factor:.3g}: {reason}, which {log.fits}",
         log.whose(drives),
         f"positions of {whose} are {cause}",
         cure,
