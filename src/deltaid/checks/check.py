@@ -170,17 +170,18 @@ def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> 
         return (*judged, Verdict("refused", Grade.WRONG, error.what, error.where, "", error.cure))
     after = (*checked_residual(record), *checked_feedback(record))
     if any(verdict.key == "torque-lag" and verdict.grade is Grade.WRONG for verdict in after):
-        judged = [
-            _behind_lag(verdict) if verdict.key == "angle-unit" else verdict for verdict in judged
+        judged = [  # inertia, which the lag spoils, would decide a unit that no loop does
+            replace(
+                verdict,
+                grade=Grade.CANNOT_TELL,
+                cause="another unit, or the lag, which makes inertia look like that of one",
+                cure="correct the lag first, and check again",
+            )
+            if verdict.key == "angle-unit"
+            else verdict
+            for verdict in judged
         ]
     return (*judged, *after)
-
-
-def _behind_lag(unit: Verdict) -> Verdict:
-    """A verdict on a unit that no loop decides, where a lag spoils inertia, which would."""
-    cure = "correct the lag first, and check again"
-    cause = "another unit, or the lag, which makes inertia look like that of one"
-    return replace(unit, grade=Grade.CANNOT_TELL, cause=cause, cure=cure, proposals=())
 
 
 def named_verdicts(

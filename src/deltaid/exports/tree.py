@@ -224,36 +224,36 @@ def _hinged(subject: Model, platform: H4Platform | Par4Platform) -> Iterator[Par
         back = TreeJoint(f"part{k}_turn", False, Z)
         yield TreeBody(f"{part}{k}", middle, frame, side * X, (back,), subject.body(part))
         yield Coupling(back.name, "platform", -1.0)
-    carrier, frame, slides = *_tool_carrier(platform), ()
-    if not carrier:  # follows the middle without turning with it
-        slides = _slides("tool")
+    if platform.tool_on == "middle":  # it follows the middle without turning with it
         yield from (Coupling(f"tool_{axis}", f"middle_{axis}", 1.0) for axis in "xyz")
-    joints = (*slides, TreeJoint("tool", False, Z))
-    place = frame.T @ np.array(platform.tool)
-    yield TreeBody("EE", carrier, frame.T, place, joints, subject.body("EE"))
-    yield Coupling("tool", "platform", platform.ratio)
+    yield from _tool(subject, platform, "", *_slides("tool"))
 
 
 def _i4(subject: Model, platform: I4Platform) -> Iterator[Part]:
     """The first half platform slides in the world; the second one and the tool slide on the
     first."""
-    half, turn, back = subject.body("HP"), TreeJoint("tool", False, Z), -platform.direction
-    (carrier, frame), second = _tool_carrier(platform), HALF_TURN
+    half, back = subject.body("HP"), -platform.direction
     yield TreeBody("HP1", "", I, ZERO, _slides("part1"), half)
-    along = TreeJoint("platform", True, second.T @ back)
-    yield TreeBody("HP2", "HP1", second, ZERO, (along,), half)
-    joints = (turn,) if carrier else (TreeJoint("tool_rack", True, back), turn)
-    place = frame.T @ np.array(platform.tool)
-    yield TreeBody("EE", carrier or "HP1", frame.T, place, joints, subject.body("EE"))
-    yield Coupling("tool", "platform", platform.ratio)
-    if not carrier:  # half-way between the half platforms
+    along = TreeJoint("platform", True, HALF_TURN.T @ back)
+    yield TreeBody("HP2", "HP1", HALF_TURN, ZERO, (along,), half)
+    yield from _tool(subject, platform, "HP1", TreeJoint("tool_rack", True, back))
+    if platform.tool_on == "middle":  # half-way between the half platforms
         yield Coupling("tool_rack", "platform", 0.5)
 
 
-def _tool_carrier(platform: H4Platform | Par4Platform | I4Platform) -> tuple[str, np.ndarray]:
-    """Name and rotation of the part that carries the tool; the name is empty for the middle."""
+def _tool(
+    subject: Model,
+    platform: H4Platform | Par4Platform | I4Platform,
+    middle: str,
+    *slides: TreeJoint,
+) -> Iterator[Part]:
+    """The tool on the part that carries it; if that is the middle, by joints that slide on a body
+    `middle`."""
     number = {"middle": "", "first": "1", "second": "2"}[platform.tool_on]
-    return number and f"{platform.bodies[0]}{number}", _HALVES[number == "2"]
+    carrier, frame = f"{platform.bodies[0]}{number}" if number else middle, _HALVES[number == "2"]
+    joints = (*(() if number else slides), TreeJoint("tool", False, Z))
+    yield TreeBody("EE", carrier, frame.T, frame.T @ platform.tool, joints, subject.body("EE"))
+    yield Coupling("tool", "platform", platform.ratio)
 
 
 def _telescope(subject: Model, bar: Telescope) -> Iterator[Part]:

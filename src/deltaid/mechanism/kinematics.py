@@ -127,11 +127,10 @@ class Kinematics(Shown, Plotted):
         if limb < 0:
             return "the loops close only beyond a singularity from the home pose"
         geometry = self.robot.limb_geometry[limb]
-        outwards = geometry.outwards
         if geometry.drive == "linear":
-            side = "below" if outwards else "above"
+            side = "below" if geometry.outwards else "above"
             return f"the carriage of limb {limb + 1} is {side} its joint on the platform"
-        return f"the elbow of limb {limb + 1} points {'inwards' if outwards else 'outwards'}"
+        return f"the elbow of limb {limb + 1} points {'in' if geometry.outwards else 'out'}wards"
 
     @one_or_many("z")
     def jacobian(self, z: Samples) -> Float[np.ndarray, "samples dof dof"]:

@@ -103,9 +103,8 @@ class Columns:
 
     def exclusion(self, channel: Channel) -> str:
         """Fix that excludes the rates of a channel, which follow from positions; else empty."""
-        rates = {"velocity": self.velocity, "acceleration": self.acceleration}
-        lines = (f"{name}: []" for name, channels in rates.items() if channel in channels)
-        return "".join(f"; or exclude it by `{line}` in a mapping" for line in lines)
+        names = (n for n in ("velocity", "acceleration") if channel in getattr(self, n))
+        return "".join(f"; or exclude it by `{name}: []` in a mapping" for name in names)
 
     @property
     def all(self) -> tuple[Channel, ...]:

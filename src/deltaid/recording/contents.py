@@ -107,8 +107,7 @@ def read_contents(
         replace(part, doubts=(*part.doubts, *filter(None, map(table.repeated, part.columns))))
         for part in proposal.found
     )
-    proposal = replace(proposal, found=found, warnings=warnings)
-    return Contents(found_columns, rows, proposal)
+    return Contents(found_columns, rows, replace(proposal, found=found, warnings=warnings))
 
 
 def proposal_for(table: LogTable, linear: Sequence[bool]) -> MappingProposal:

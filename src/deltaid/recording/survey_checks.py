@@ -293,11 +293,10 @@ def require_rate(table: LogTable, column: str, rate: float, *, differentiated: b
     if slow or rate > HIGHEST_RATE:
         limit = f"at least {LOWEST_RATE:g}" if slow else f"at most {HIGHEST_RATE:g}"
         units = PER_SECOND if slow else PER_SECOND_LONGER
-        rates = {unit: rate * per for unit, per in units.items()}
         makes = [
-            f"unit: {unit} makes {rates[unit]:.4g} Hz"
-            for unit in reversed(rates)
-            if LOWEST_RATE <= rates[unit] <= HIGHEST_RATE
+            f"unit: {unit} makes {rate * per:.4g} Hz"
+            for unit, per in reversed(units.items())
+            if LOWEST_RATE <= rate * per <= HIGHEST_RATE
         ]
         raise RecordingError(
             f"column {column} makes a sampling rate of {rate:.4g} Hz; {limit} Hz can be",

@@ -199,8 +199,12 @@ def to_si(
     finite[:, columns.sensor_places] = True
     if not finite.all():
         i, k = (int(index) for index in np.argwhere(~finite)[0])
-        place, otherwise = table.row_place(row + i), columns.exclusion(channels[k])
-        raise table.bad_value(channels[k].column, rows.written[k][i], place, otherwise)
+        raise table.bad_value(
+            channels[k].column,
+            rows.written[k][i],
+            table.row_place(row + i),
+            columns.exclusion(channels[k]),
+        )
     return values
 
 

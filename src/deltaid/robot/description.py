@@ -188,8 +188,12 @@ class RobotDescription(Shown, Plotted, Reported, Part):
         """Geometry of each limb; empty for a user-defined mechanism."""
         centre, _ = self.workspace.inner_box
         limbs = self.limbs.geometry() if self.limbs is not None else ()
-        up = [limb.R_WL[:, 2] @ (centre + limb.attachment - limb.base) for limb in limbs]
-        return tuple(replace(limb, stands=bool(z > 0)) for limb, z in zip(limbs, up, strict=True))
+        return tuple(
+            replace(limb, root=-limb.root)  # arms point outwards below the platform, too
+            if limb.upper_arm and limb.R_WL[:, 2] @ (centre + limb.attachment - limb.base) > 0
+            else limb
+            for limb in limbs
+        )
 
     @property
     def _drive_kinds(self) -> tuple[JointKind, ...]:

@@ -47,8 +47,8 @@ class LimbGeometry:
         struts: number of struts.
         outwards: working mode: whether the elbow points outwards (rotary), or the carriage is
             above the platform's joint along the rail (linear).
+        root: sign of the square root in the inverse kinematics of the working mode.
         spacing: distance between the two struts [m]; None if unknown, or for a single strut.
-        stands: whether the middle of the workspace is above the motor axis, along z of L.
     """
 
     drive: JointKind
@@ -60,13 +60,8 @@ class LimbGeometry:
     strut: float
     struts: int
     outwards: bool
+    root: int
     spacing: float | None = None
-    stands: bool = False
-
-    @property
-    def root(self) -> int:
-        """Sign of the square root in the inverse kinematics of the working mode."""
-        return 1 if self.outwards != (self.stands and self.drive == "rotary") else -1
 
     def fitting_struts(self, held: Float[np.ndarray, " 3"]) -> tuple[float, float]:
         """Shortest and longest strut that can join the drive to a point `held` in the world [m]."""
@@ -203,7 +198,7 @@ class Limbs(Part):
                 )
 
     def geometry(self) -> tuple[LimbGeometry, ...]:
-        """Geometry of each limb."""
+        """Geometry of each limb, of a platform below its motors."""
         return tuple(self._limb(i) for i in range(self.count))
 
     def _limb(self, i: int) -> LimbGeometry:
@@ -212,6 +207,7 @@ class Limbs(Part):
         rotary = self.drive == "rotary"
         R_WL = upright @ rotation("x", tilt) if rotary else upright
         down = rotation("y", -tilt) @ np.array([0.0, 0.0, -1.0])
+        outwards = _of_limb(self.working_mode, i) == "outwards"
         return LimbGeometry(
             drive=self.drive,
             R_WL=R_WL,
@@ -221,7 +217,8 @@ class Limbs(Part):
             upper_arm=float(_of_limb(self.upper_arm, i)) if rotary else 0.0,
             strut=float(_of_limb(self.strut, i)),
             struts=self.struts_per_limb,
-            outwards=_of_limb(self.working_mode, i) == "outwards",
+            outwards=outwards,
+            root=1 if outwards else -1,
             spacing=None if self.strut_spacing is None else float(_of_limb(self.strut_spacing, i)),
         )
 

@@ -53,10 +53,9 @@ def _positions(log: RemappedRecording) -> Iterator[Verdict]:
 def _scaled(log: RemappedRecording, drives: list[int], factor: float) -> Verdict:
     """Positions that must be multiplied by a factor."""
     record, best, whose = log.evidence, log.best, log.all_or(drives)
-    by_prior = all(drive in log.units for drive in drives)
     reason = (
         "inertia and friction then agree best with the prior"
-        if by_prior
+        if all(drive in log.units for drive in drives)
         else "the loops then close"
     )
     name, ratio = named_units(record.robot, drives[0]).get(factor), 1 / factor

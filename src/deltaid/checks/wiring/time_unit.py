@@ -75,8 +75,7 @@ def too_fast_verdicts(record: Evidence) -> Iterator[Verdict]:
     most = [robot.limits_of(drive).top_speed or np.inf for drive in robot.drives]
     i = int(np.argmax(speeds / np.array(most)))
     if speeds[i] > most[i]:
-        excess = speeds[i] / most[i]
-        longer = next((u for u, per in PER_SECOND_LONGER.items() if per * excess < 1), "86400 s")
+        fits = (unit for unit, per in PER_SECOND_LONGER.items() if per * speeds[i] < most[i])
         unit = f"{robot.units(robot.drives[i]).coordinate}/s"
         yield Verdict(
             "time-unit",
@@ -85,8 +84,8 @@ def too_fast_verdicts(record: Evidence) -> Iterator[Verdict]:
             f"{most[i]:.2g} {unit}; in {seconds:.2g} s no columns can be judged",
             cause="time is in another unit",
             cure="declare the unit of the time column, such as time: {column: t, unit: "
-            f"{longer}}}",
-            number=float(excess),
+            f"{next(fits, '86400 s')}}}",
+            number=float(speeds[i] / most[i]),
         )
 
 

@@ -22,7 +22,6 @@ from deltaid.recording.formats.csv_lines import (
     is_comment,
     is_marked_row,
     is_number,
-    is_utf8,
     names_in,
     separator_of,
 )
@@ -68,8 +67,13 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
                 )
                 first_row = _after_comments(lines, first_row + 1)
         above = range(header.row + 1, first_row) if mapping.data_row is None else ()
-        marked = [row for row in above if _is_marked(lines[row], header)]
-        names_are_utf8 = is_utf8(lines[header.row])
+        marked = [
+            row
+            for row in above
+            if is_comment(lines[row])
+            and is_marked_row(lines[row], header.separator, len(header.names))
+        ]
+        is_utf8 = as_text(lines[header.row]).encode() in lines[header.row]
         data = lines.data(first_row, header.separator)
     if data.tag:
         warnings.append(
@@ -90,14 +94,10 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
         warnings=tuple(warnings),
         cure_of_missing="separate the columns by comma, semicolon, tab or blanks"
         if len(header.names) == 1
-        else ("" if names_are_utf8 else "save the file as UTF-8, in which its names are not; or ")
+        else ("" if is_utf8 else "save the file as UTF-8, in which its names are not; or ")
         + "rename the columns to t, q1…, tau1… (and qd1…, qdd1… if recorded), or say which is "
         "which with --columns MAPPING.yaml, and in which row (header_row) the names are",
     )
-
-
-def _is_marked(line: bytes, header: _NameLine) -> bool:
-    return is_comment(line) and is_marked_row(line, header.separator, len(header.names))
 
 
 def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_NameLine, list[Doubt]]:
@@ -106,13 +106,15 @@ def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_Name
     numbered = all(name.isdecimal() for names in needed for name in names)
     row = mapping.header_row if given else None
     if numbered and "header_row" not in mapping.model_fields_set:
-        row = mapping.data_row or _row_above_numbers(lines) or _row_of_numbers(lines)
+        row = mapping.data_row
+    texts = ((k, as_text(line)) for k, line in lines.first(SEARCHED_LINES))
     if row is None and not numbered:
-        texts = ((k, as_text(line)) for k, line in lines.first(SEARCHED_LINES))
         named = (k for k, text in texts for x in (text, _bare(text)) if _has_names(x, needed))
         row = next(named, None)
     if row is None:
-        row = _row_above_numbers(lines) or _after_comments(lines, 1)
+        cells = ((k, cells_of(text, separator_of(text))) for k, text in texts if numbered)
+        numbers = (k for k, x in cells if len(x) >= len(NEEDED) and all(map(is_number, x)))
+        row = _row_above_numbers(lines) or next(numbers, None) or _after_comments(lines, 1)
     text = decoded(lines[row], f"{path}, row {row}")
     bare = _bare(text)
     # A comment mark that fills a whole field is the name of a column.
@@ -161,15 +163,6 @@ def _row_above_numbers(lines: HeadLines) -> int | None:
                 return row
             if any(map(is_number, filled)) or len(cells) != len(names):
                 break
-    return None
-
-
-def _row_of_numbers(lines: HeadLines) -> int | None:
-    """First line of as many numbers as a recording has columns at least."""
-    for row, line in lines.first(SEARCHED_LINES):
-        cells = cells_of(as_text(line), separator_of(as_text(line)))
-        if len(cells) >= len(NEEDED) and all(map(is_number, cells)):
-            return row
     return None
 
 

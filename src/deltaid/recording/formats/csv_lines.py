@@ -140,18 +140,13 @@ def is_comment(line: bytes) -> bool:
     return bool(COMMENT.match(as_text(line)) or _HINT.match(line))
 
 
-def is_utf8(line: bytes) -> bool:
-    try:
-        line.decode("utf-8")
-    except UnicodeDecodeError:
-        return False
-    return True
-
-
 def as_text(line: bytes) -> str:
     """Line as text: in UTF-8, or else in the code page of Windows, in which ° is one byte."""
-    code = "utf-8-sig" if is_utf8(line) else "cp1252"
-    return line.decode(code, errors="replace").rstrip("\r\n")
+    try:
+        text = line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = line.decode("cp1252", errors="replace")
+    return text.rstrip("\r\n")
 
 
 def decoded(line: bytes, place: str) -> str:
