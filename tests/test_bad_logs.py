@@ -90,6 +90,10 @@ BAD_TEXT = {
         "the file is cut off there",
     ),
     "no header": ("\n".join(GOOD.split("\n")[1:]), "row 1: has no header"),
+    "no header below a remark": (
+        "\ufeff# a remark\n" + GOOD.split("\n", 1)[1],
+        "row 2: has no header",
+    ),
     "duplicated column": (GOOD.replace("q3", "q2", 1), "row 1: has 2 columns called q2"),
     "missing column": (GOOD.replace("tau2", "M2", 1), "row 1: has no column tau2", "--columns"),
     "columns that count from 0": (
