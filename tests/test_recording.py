@@ -137,8 +137,8 @@ def test_rows_above_the_data_can_be_declared(tmp_path, frame) -> None:
     header, rest = text(frame, ";", number=comma, eol="\r\n").split("\r\n", 1)
     units = ";".join(["s"] + ["rad"] * 3 + ["Nm"] * 3)
     path = write(tmp_path / "scope.csv", f"{preamble}{header}\r\n{units}\r\n{rest}")
-    mapping = ColumnMapping(header_row=4, data_row=6)
-    np.testing.assert_array_equal(read(path, mapping), frame.to_numpy())
+    for mapping in (ColumnMapping(header_row=4, data_row=6), ColumnMapping(data_row=6)):
+        np.testing.assert_array_equal(read(path, mapping), frame.to_numpy())
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", "  "])

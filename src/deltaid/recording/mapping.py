@@ -57,7 +57,7 @@ class ColumnMapping(Shown, Part):
     )
     header_row: Annotated[int, Field(ge=1)] = Field(
         default=1,
-        description="line of a CSV file of the column names; searched if neither row is given",
+        description="line of a CSV file of the column names; searched if it is not given",
     )
     data_row: Annotated[int, Field(json_schema_extra={"minimum": 2})] | None = Field(
         default=None,

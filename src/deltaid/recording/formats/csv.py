@@ -101,12 +101,10 @@ def open_csv(path: Path, mapping: ColumnMapping) -> LogTable:
 
 
 def _header(lines: HeadLines, path: Path, mapping: ColumnMapping) -> tuple[_NameLine, list[Doubt]]:
-    given = bool({"header_row", "data_row"} & mapping.model_fields_set)
+    given = "header_row" in mapping.model_fields_set
     needed = mapping.needed
     numbered = all(name.isdecimal() for names in needed for name in names)
-    row = mapping.header_row if given else None
-    if numbered and "header_row" not in mapping.model_fields_set:
-        row = mapping.data_row
+    row = mapping.header_row if given else mapping.data_row if numbered else None
     texts = ((k, as_text(line)) for k, line in lines.first(SEARCHED_LINES))
     if row is None and not numbered:
         named = (k for k, text in texts for x in (text, _bare(text)) if _has_names(x, needed))
