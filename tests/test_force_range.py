@@ -7,17 +7,14 @@ import numpy as np
 import pytest
 
 from deltaid.dynamics.dynamics import compiled
+from deltaid.estimation.ranges import ConsistentBall
+from deltaid.estimation.reduction import Block
+from deltaid.estimation.scatter import NORMAL
 from deltaid.identification.generic_motion import random_motion_base
 from deltaid.identification.identify import identify
 from deltaid.joint_forces.constraint_forces import ConstraintForces
-from deltaid.joint_forces.ranges import (
-    ConsistentBall,
-    Determinacy,
-    ForceEvidence,
-    Ranges,
-    evidence,
-)
-from deltaid.joint_forces.unknowns import ConsistencyBlock, ForceUnknowns, unknowns
+from deltaid.joint_forces.ranges import Determinacy, ForceEvidence, Ranges, evidence
+from deltaid.joint_forces.unknowns import unknowns
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
 from deltaid.motion.random_motion import random_motion
@@ -135,15 +132,12 @@ def test_exact_recordings_leave_what_torques_leave_open(exact: Job) -> None:
 def test_a_range_counts_what_consistency_costs_the_best_of_all() -> None:
     """One unknown u ≥ −1 that data and prior would have at −3, where ‖R u − b‖ is zero: the best
     consistent one is 2 away, so all within √(2² + 1.96²) are compatible."""
-    block = ConsistencyBlock(np.eye(1), (0,), np.ones((1, 1, 1)))
-    one = ForceUnknowns(("u",), np.eye(1), np.zeros(1), (block,))
-    ball = ConsistentBall(
-        np.array([[1.0, -6.0]]), one
-    )  # with the prior ‖u‖² on top: R = √2, R u_best = b
-    assert ball._u == pytest.approx(-3.0)
+    one = np.eye(1)
+    block = Block(np.zeros((1, 1), dtype=int), one, one)
+    rows, right = np.array([[1.0], [1.0]]), np.array([-6.0, 0.0])  # R = √2, R u_best = b
+    ends = ConsistentBall(rows, right, [block], np.ones(1), 1e-9).ends(np.ones(1), NORMAL)
     reach = np.hypot(2 * np.sqrt(2), 1.959964) / np.sqrt(2)
-    assert ball.largest(np.ones(1)) == pytest.approx(-3.0 + reach, rel=1e-5)
-    assert -ball.largest(-np.ones(1)) == pytest.approx(-1.0, rel=1e-5)
+    np.testing.assert_allclose(ends, [-1.0, -3.0 + reach], rtol=1e-5)
 
 
 def test_weight_of_an_arm_that_no_torque_shows(exact: Job) -> None:
@@ -190,4 +184,5 @@ def test_unknowns_start_from_a_consistent_prior() -> None:
         p = unknown.A @ u + unknown.p_0
         margins = [consistency(p[layout.body(body)]) > 0 for body in layout.bodies]
         margins += list(p[10 * len(layout.bodies) :] > 0)
-        assert all(margins) == all(np.linalg.eigvalsh(b.matrix(u))[0] > 0 for b in unknown.blocks)
+        x = unknown.prior + unknown.size * u
+        assert all(margins) == all(np.linalg.eigvalsh(b.matrix(x))[0] > 0 for b in unknown.blocks)

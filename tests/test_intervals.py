@@ -11,8 +11,8 @@ from scipy import stats
 
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
+from deltaid.estimation import ranges as ranges_module
 from deltaid.estimation.scatter import Scatter
-from deltaid.identification import uncertainty as uncertainty_module
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.uncertainty import ConsistentRanges, Uncertainty, uncertainty
 from deltaid.model.parameter_record import Parameter
@@ -166,7 +166,7 @@ def test_an_end_counts_where_rounding_stops_the_solver_at_it(
     problem = result.problem
     c = np.eye(len(problem.values))[problem.layout.names.index("coulomb.drive1")]
     expected = ConsistentRanges(problem).ends(c)
-    solve = uncertainty_module.interior_point
+    solve = ranges_module.interior_point
 
     def stopped(*arguments: object) -> SimpleNamespace:
         end = solve(*arguments)
@@ -175,7 +175,7 @@ def test_an_end_counts_where_rounding_stops_the_solver_at_it(
             status="InsufficientProgress", obj_val=end.obj_val, obj_val_dual=bound
         )
 
-    monkeypatch.setattr(uncertainty_module, "interior_point", stopped)
+    monkeypatch.setattr(ranges_module, "interior_point", stopped)
     ends = ConsistentRanges(problem).ends(c)
     assert np.all(np.isfinite(ends)) == is_known
     if is_known:

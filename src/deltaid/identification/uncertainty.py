@@ -2,22 +2,18 @@
 data and physical consistency alone (`ConsistentRanges`)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
-import clarabel
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import solve_triangular
 
 from deltaid.estimation.base_parameters import BaseParameters
-from deltaid.estimation.conic import definite, interior_point, svec
 from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
 from deltaid.estimation.objective import Vector, prior_root, prior_scale
-from deltaid.estimation.reduction import Block
+from deltaid.estimation.ranges import ConsistentBall
 from deltaid.estimation.scatter import Combinations, Each, Noise, half_width, inverse, quantile
 from deltaid.identification.fit import FittedProblem
-from deltaid.levels import NEGLIGIBLE
 from deltaid.model.parameter_record import Share
 
 # Share of the variance by priors that named other parameters must make up, two of them at most.
@@ -154,17 +150,11 @@ def covariance(problem: FittedProblem, places: Sequence[int]) -> Float[np.ndarra
 class ConsistentRanges:
     """Ranges of parameters in a fit by the recording and physical consistency alone, without prior.
 
-    The range of c·p is its least and largest value over all consistent x, p = A x + p_0, with
-
-        ‖R x − b‖² ≤ m² + t² ,
-
-    with the rows R, b of data in units of this combination's noise by the scatter of the recording
-    (`scatter`), the least left side m² over consistent x, and Student's quantile t. Where the
-    recording determines c·p, this is the 95 % interval of least squares; where it determines only a
-    sum, priors of the other terms have no part in the range.
-
-    With R = U S Vᵀ and x = V_1 S⁻¹ (v + U_1ᵀb) + V_2 a, data is a ball ‖v‖ ≤ r, and a is free
-    within the cones: a linear function over a ball and cones is minimised (Clarabel).
+    The range of c·p is its least and largest value over all consistent x, p = A x + p_0, in a
+    `ConsistentBall` of the data, in units of this combination's noise by the scatter of the
+    recording (`scatter`), with Student's quantile t. Where the recording determines c·p, this is
+    the 95 % interval of least squares; where it determines only a sum, priors of the other terms
+    have no part in the range.
 
     Of the squared width, the part that remains with negligible noise and geometry is what the
     recording does not determine; these share the rest by their variances.
@@ -176,43 +166,27 @@ class ConsistentRanges:
         self._sources = Sources(information, base, self._noise)
         self._white = max(self._noise.sigma, NOISE_FLOOR)
         rows = np.sqrt(information.mean_samples) / self._white
-        R, b = rows * data.R, rows * data.b
-        size = np.linalg.norm(R, axis=0)
-        scale = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), self._reduction.scale)
-        U, S, Vt = np.linalg.svd(R * scale)
-        self._rank = rank = int(np.sum(S / S[0] > NEGLIGIBLE))
-        # x = centre + map (v, a)
-        determined = Vt[:rank].T / S[:rank]
-        self._map = scale[:, None] * np.hstack([determined, Vt[rank:].T])
-        self._centre = scale * (determined @ (U[:, :rank].T @ b))
+        blocks, scale = self._reduction.blocks, self._reduction.scale
+        self._ball = ball = ConsistentBall(rows * data.R, rows * data.b, blocks, scale, _TOLERANCE)
         combination = base.combination() @ self._reduction.A
-        self._scores = self._noise.root @ combination @ self._map[:, :rank]
+        self._scores = self._noise.root @ combination @ ball.map[:, : ball.rank]
         self._shifts = self._noise.root @ problem.geometry.shifts
-        # Rows of the ball, the first for its radius, and of the cones.
-        ball = np.eye(rank + 1, self._map.shape[1], -1)
-        parts = [(-ball, np.zeros(rank + 1), clarabel.SecondOrderConeT(rank + 1))]
-        cones = (self._cone(block, size > 0) for block in self._reduction.blocks)
-        parts += [cone for cone in cones if cone is not None]
-        rows, right, self._cones = zip(*parts, strict=True)
-        self._rows, self._right = np.concatenate(rows), np.concatenate(right)
 
     def ends(self, c: Coefficients) -> tuple[float, float]:
         """Least and largest c·p; infinite where neither recording nor consistency bounds it."""
         c_x = self._reduction.A.T @ c
-        cost = self._map.T @ c_x
-        middle = float(c_x @ self._centre + c @ self._reduction.p_0)
-        low, high = self._ends(cost, self._reach(cost)[0])
+        low, high = self._ball.ends(c_x, self._reach(c_x)[0]) + c @ self._reduction.p_0
         more = _ACCURACY * max(high - low, 0.0) if np.isfinite(high - low) else 0.0
-        return middle + low - more, middle + high + more
+        return float(low - more), float(high + more)
 
     def share(self, c: Coefficients, low: float, high: float) -> Share:
         """Shares of the sources of the range of c·p, which must be finite."""
-        cost = self._map.T @ (self._reduction.A.T @ c)
-        t, by_noise = self._reach(cost)
+        c_x = self._reduction.A.T @ c
+        t, by_noise = self._reach(c_x)
         width = (high - low) / (1.0 + 2.0 * _ACCURACY)
-        ratio = float(np.ptp(self._ends(cost, _VANISHED * t))) / width if width > 0 else 0.0
+        ratio = float(np.ptp(self._ball.ends(c_x, _VANISHED * t))) / width if width > 0 else 0.0
         unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))
-        parts = np.array(self._sources.parts(self._in_scores(cost)))[:, 0]
+        parts = np.array(self._sources.parts(self._in_scores(c_x)))[:, 0]
         noise, sensors, measured = ((1 - unseen) * by_noise * parts).tolist()
         return Share(
             noise=noise,
@@ -223,13 +197,13 @@ class ConsistentRanges:
             measured=measured,
         )
 
-    def _in_scores(self, cost: Vector) -> Float[np.ndarray, "base 1"]:
-        return (self._scores @ cost[: self._rank])[:, None]
+    def _in_scores(self, c_x: Vector) -> Float[np.ndarray, "base 1"]:
+        return (self._scores @ (self._ball.map.T @ c_x)[: self._ball.rank])[:, None]
 
-    def _reach(self, cost: Vector) -> tuple[float, float]:
+    def _reach(self, c_x: Vector) -> tuple[float, float]:
         """t with scatter and geometry, in units of white noise, and the share of noise in the
         variance."""
-        U = self._in_scores(cost)
+        U = self._in_scores(c_x)
         size = float(np.linalg.norm(U))
         if size == 0:
             return float(quantile(np.array([self._noise.freedom]))[0]), 1.0
@@ -237,50 +211,3 @@ class ConsistentRanges:
         std = np.hypot(by_noise, np.linalg.norm(U.T @ self._shifts))
         t = half_width(std, by_noise, nu)[0] / (self._white * size)
         return float(t), float((by_noise[0] / std[0]) ** 2) if std[0] > 0 else 1.0
-
-    def _ends(self, cost: Vector, t: float) -> tuple[float, float]:
-        """Least and largest cost·(v, a); infinite where there is none."""
-        size, radius = float(np.linalg.norm(cost)), float(np.hypot(self._least, t))
-        if size == 0:
-            return 0.0, 0.0
-        ends = [self._solve(sign * cost / size, self._rows, radius) for sign in (1.0, -1.0)]
-        low, high = (size * float(end.obj_val) if _is_known(end) else -np.inf for end in ends)
-        return low, -high
-
-    @cached_property
-    def _least(self) -> float:
-        """m, the distance of the consistent x from the least-squares values of the recording."""
-        wide = np.pad(self._rows, ((0, 0), (0, 1)))
-        wide[0, -1] = -1.0
-        return float(self._solve(np.eye(wide.shape[1])[-1], wide, 0.0).obj_val)
-
-    def _solve(
-        self, cost: Vector, rows: Float[np.ndarray, "rows n"], radius: float
-    ) -> clarabel.DefaultSolution:
-        right = self._right.copy()
-        right[0] = radius
-        return interior_point(cost, rows, right, list(self._cones), _TOLERANCE)
-
-    def _cone(
-        self, block: Block, determined: Bool[np.ndarray, " n"]
-    ) -> tuple[np.ndarray, np.ndarray, object] | None:
-        """Rows, right side and cone of M_b(x) ⪰ 0, relative to its prior.
-
-        A moment that the recording does not determine can be as large as needed, so it has no row.
-        """
-        diagonal = np.diag(block.index)
-        inner = np.ix_(*[np.flatnonzero((diagonal < 0) | determined[diagonal])] * 2)
-        if np.all(block.index[inner] < 0):
-            return None
-        M = block.matrix(self._centre)
-        part = replace(block, index=block.index[inner], constant=M[inner], prior=block.prior[inner])
-        columns, at_centre, slopes = part.normalised
-        rows, right = -svec(slopes).T @ self._map[columns], svec(at_centre)
-        size = max(float(np.abs(rows).max()), float(np.abs(right).max()))
-        return rows / size, right / size, definite(len(at_centre))
-
-
-def _is_known(end: clarabel.DefaultSolution) -> bool:
-    """Whether the dual bound agrees to the accuracy of ranges, also where rounding stopped the
-    solver before its tolerance; not without an optimum, where both are no numbers."""
-    return abs(end.obj_val - end.obj_val_dual) <= _ACCURACY * max(1.0, abs(end.obj_val))

@@ -23,15 +23,16 @@ from scipy.linalg import solve_triangular
 from threadpoolctl import threadpool_limits
 
 from deltaid.dynamics.dynamics import Parameters
-from deltaid.errors import DescriptionError, RecordingError
+from deltaid.errors import DescriptionError, IdentificationError, RecordingError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
 from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
+from deltaid.estimation.ranges import ConsistentBall
 from deltaid.estimation.scatter import NORMAL, half_width
 from deltaid.identification.gathering import gather_balanced
 from deltaid.identification.geometric_rows import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.loads import as_identified
-from deltaid.joint_forces.unknowns import ConsistentBall, ForceUnknowns, unknowns
+from deltaid.joint_forces.unknowns import ForceUnknowns, unknowns
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
@@ -41,6 +42,8 @@ from deltaid.recording.recording import open_recordings
 _DETERMINED = np.sqrt(np.finfo(float).eps)
 # Share of an open force's variance from which an unknown is named.
 _NAMED = 0.05
+# Solver tolerance, relative to values in standard deviations: half of the digits.
+_TOLERANCE = float(np.sqrt(np.finfo(float).eps))
 Coefficients = Float[np.ndarray, " parameters"]
 
 
@@ -170,9 +173,19 @@ class Ranges:
         """
         unknown, value = self._known.unknowns, float(c @ self._p)
         c_u, constant = unknown.A.T @ c, float(c @ unknown.p_0)
-        ball = ConsistentBall(self._data / self._level(c_u), unknown)
-        low, high = (constant + sign * ball.largest(sign * c_u) for sign in (-1.0, 1.0))
-        return Range(min(low, value), max(high, value))
+        rows = np.vstack([self._data / self._level(c_u), np.eye(len(c_u), len(c_u) + 1)])
+        # over x = prior + size u, as the blocks are
+        R = rows[:, :-1] / unknown.size
+        b, c_x = rows[:, -1] + R @ unknown.prior, c_u / unknown.size
+        ball = ConsistentBall(R, b, unknown.blocks, unknown.size, _TOLERANCE)
+        low, high = ball.ends(c_x, NORMAL) + constant - c_x @ unknown.prior
+        if not np.isfinite(high - low):
+            raise IdentificationError(
+                "the range of a force was not found: the solver did not reach its optimum",
+                where="--logs",
+                cure="check that these are the recordings that the model was identified from",
+            )
+        return Range(min(float(low), value), max(float(high), value))
 
     def _level(self, c_u: Float[np.ndarray, " n"]) -> float:
         """σ_c: white noise of this level makes the force as uncertain as the recorded noise does.
