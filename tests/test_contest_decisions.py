@@ -90,50 +90,10 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
         for n in (0.0, noise)
     )
     end = contest_stage._Sweeps(
-        setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False, None
+        setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False
     )
     other = replace(end, last=other, why_not=why_not)
     assert contest_stage._is_better(other, end) == stands
-
-
-@pytest.mark.parametrize(
-    ("excludes_turns", "why_not", "parts", "kept", "spread", "best"),
-    [
-        (True, "", {"length", "zero"}, "zero", 0.5, -2.0),
-        (True, "", {"length", "zero"}, "zero", 0.52, -1.0),  # 1.96 · 0.52 is more than 1
-        (False, "", {"length", "zero"}, "zero", 0.1, -1.0),
-        (True, "zero", {"length", "zero"}, "zero", 0.1, -1.0),
-        (True, "", {"zero"}, "zero", 0.1, -1.0),
-        (True, "", {"length", "zero"}, "ripple", 0.1, -1.0),  # both dropped in a later sweep
-    ],
-)
-def test_all_rows_decide_between_errors_that_rows_beside_turns_did_not_tell_apart(
-    excludes_turns: bool,
-    why_not: str,
-    parts: set[str],
-    kept: str,
-    spread: float,
-    best: float,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Of others, one is refuted, one leaves more."""
-    robot = described("clavel-delta3")
-    last = Mock(spec=Contest, shrunk=Mock(spec=Shrunk, noise_spread=spread, candidates=(kept,)))
-    end, *others = (
-        contest_stage._Sweeps(
-            Setup(robot, (), Settings()), ContestOutcome(robot), last, last, np.zeros(0), (),
-            frozenset(parts), why, is_lost=False,
-            over_all_rows=Mock(return_value=Mock(spec=Contest, noise=noise))
-            if excludes_turns else None,
-        )
-        for noise, why in ((-1.0, why_not), (-3.0, "length"), (-0.5, ""), (-2.0, ""))
-    )  # fmt: skip
-    monkeypatch.setattr(contest_stage, "_barred", lambda bare, barred: others)
-    result = contest_stage._by_all_rows(end.setup, end)
-    noise = dict(zip((end, *others), (-1.0, -3.0, -0.5, -2.0), strict=True))
-    assert noise[result] == best
-    monkeypatch.setattr(contest_stage, "_barred", lambda bare, barred: [])
-    assert contest_stage._by_all_rows(end.setup, end) is end
 
 
 def test_a_setup_that_has_been_through_a_contest_stays_as_it_is() -> None:
@@ -315,31 +275,30 @@ def test_what_is_within_parts_stands_in_place_of_what_is_not() -> None:
 @pytest.mark.parametrize(
     ("parts", "lost", "expected"),
     [
-        ({"length", "zero"}, set(), [-3.0, -2.0, -1.5, -1.0]),
-        ({"length", "zero"}, {"length"}, [-3.0, -2.0, -1.0]),
-        ({"length"}, set(), [-2.5, -1.5]),
+        ({"length", "zero"}, set(), [-2.0, -1.5, -1.0]),
+        ({"length", "zero"}, {"length"}, [-2.0, -1.0]),
+        ({"length"}, set(), [-1.5]),
         ({"length"}, {"length"}, []),
         (set(), {"length"}, []),
     ],
 )
-def test_sweeps_are_repeated_without_errors_of_parts_and_from_the_best(
+def test_sweeps_are_repeated_without_errors_of_parts_least_noise_first(
     parts: set[str], lost: set[str], expected: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without all errors -1.0 is left, without lengths -1.5, without zeros -2.0."""
     robot = described("clavel-delta3")
     bare = Setup(robot, (), Settings())
-    noise = {frozenset(): -3.0, frozenset({"length"}): -1.5, frozenset({"zero"}): -2.0}
+    noise = {frozenset({"length"}): -1.5, frozenset({"zero"}): -2.0}
 
-    def swept(_: Setup, barred=frozenset(), since=None) -> contest_stage._Sweeps:
-        left = noise.get(barred, -1.0) if since is None else since.last.noise - 1.0
-        last = Mock(spec=Contest, noise=left)
+    def swept(_: Setup, barred: frozenset[str]) -> contest_stage._Sweeps:
+        last = Mock(spec=Contest, noise=noise.get(barred, -1.0))
         return contest_stage._Sweeps(
             bare, ContestOutcome(robot), last, last, np.zeros(0), (), frozenset(parts), "",
-            is_lost=barred == lost, over_all_rows=None,
+            is_lost=barred == lost,
         )  # fmt: skip
 
     monkeypatch.setattr(contest_stage, "_sweeps", swept)
-    ends = contest_stage._again(bare, frozenset(parts))
+    ends = contest_stage._barred(bare, frozenset(parts))
     assert [end.last.noise for end in ends] == expected
 
 

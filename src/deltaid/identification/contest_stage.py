@@ -4,7 +4,7 @@ Each sweep (`contest`) linearises all effects about the present estimate, drops 
 do not need, and applies the others exactly to readings or robot. Some stay columns of the fit.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,8 +55,6 @@ class _Sweeps:
         parts: errors of the description that any sweep kept.
         why_not: why these corrections are refuted; empty where they stand.
         is_lost: whether the next sweep has poses out of reach, or no rows.
-        over_all_rows: makes the last sweep with the rows near turns of passive joints; None if no
-            rows were excluded there.
     """
 
     setup: Setup
@@ -68,7 +66,6 @@ class _Sweeps:
     parts: frozenset[str]
     why_not: str
     is_lost: bool
-    over_all_rows: Callable[[], Contest] | None
 
     def counting(self, other: "_Sweeps") -> "_Sweeps":
         """The same with intervals that include the change of parameters by another end."""
@@ -82,12 +79,10 @@ def contested(setup: Setup, progress: Progress) -> Setup:
     """Correct the effects that the rows need beside all others, unless that has been done.
 
     The first slopes are taken far from the solution, where one error of the description may mimic
-    the curvature of another. So after a refuted result, sweeps are repeated without such errors,
-    from where those settle, and from stiff gears; the best replaces the first if it leaves as
-    little noise.
-    Where rows far from turns of passive joints do not decide between several such errors, all rows
-    do. Where torque is unexplained, sweeps with free functions of the drives' torques replace the
-    result if the rows are more probable with them.
+    the curvature of another. So after a refuted result, sweeps are repeated without such errors and
+    from stiff gears; the best replaces the first if it leaves as
+    little noise. Where torque is unexplained, sweeps with free functions of the drives' torques
+    replace the result if the rows are more probable with them.
     """
     if setup.settings.effects == "none" or setup.outcome:
         return setup
@@ -100,9 +95,9 @@ def contested(setup: Setup, progress: Progress) -> Setup:
 
 def _contested(bare: Setup, progress: Progress) -> Setup:
     end, bare = _with_late(bare)
-    others = [*_again(bare, end.parts), *_from_stiff_gears(bare)] if end.why_not else []
+    others = [*_barred(bare, end.parts), *_from_stiff_gears(bare)] if end.why_not else []
     end = min((o for o in others if _is_better(o, end)), key=lambda o: o.last.noise, default=end)
-    end = _beside_unexplained(bare, _by_all_rows(bare, end))
+    end = _beside_unexplained(bare, end)
     outcome = end.outcome
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
         return bare.changed(outcome=outcome)
@@ -133,20 +128,6 @@ def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
     return not other.why_not and other.last.noise < end.last.noise + chance
 
 
-def _by_all_rows(bare: Setup, end: _Sweeps) -> _Sweeps:
-    """Sweeps with fewer errors of the description, if these leave less noise in all rows beyond
-    chance (95 %); only where one stayed of several, and rows near turns of passive joints were
-    excluded."""
-    stayed = end.parts.intersection(end.last.shrunk.candidates)
-    if not end.over_all_rows or end.why_not or len(end.parts) < 2 or not stayed:
-        return end
-    standing = [other for other in _barred(bare, end.parts) if not other.why_not]
-    noise = {other: other.over_all_rows().noise for other in standing if other.over_all_rows}
-    chance = NORMAL * end.last.shrunk.noise_spread
-    least = min(noise, key=noise.__getitem__, default=end)
-    return least if noise.get(least, np.inf) < end.over_all_rows().noise - chance else end
-
-
 def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
     """Sweeps with free functions of the drives' torques, if the rows need these, leave less noise
     and are more probable, or only the others are refuted; intervals include the other end.
@@ -167,12 +148,6 @@ def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
     return beside.counting(end) if stands else end.counting(beside)
 
 
-def _again(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
-    """Sweeps without some errors of the description, and sweeps from where the best settled."""
-    ends = _barred(bare, parts)
-    return [*(_sweeps(bare, since=end) for end in ends[:1]), *ends]
-
-
 def _from_stiff_gears(bare: Setup) -> list[_Sweeps]:
     """Sweeps that begin without a compliance, if there is one: it takes more sweeps to vanish than
     to appear."""
@@ -190,23 +165,17 @@ def _barred(bare: Setup, parts: frozenset[str]) -> list[_Sweeps]:
 def _sweeps(
     bare: Setup,
     barred: frozenset[str] = frozenset(),
-    since: _Sweeps | None = None,
     free: Sequence[UnknownEffect] = (),
 ) -> _Sweeps:
     """Sweep without the `barred` effects until coefficients settle or alternate or poses are out
-    of reach, and judge the result; `since` is the end to begin at, `free` are further effects."""
+    of reach, and judge the result; `free` are further effects."""
     without = bare.changed(barred_effects=bare.barred_effects | barred)
-    if since is None:
-        now, before, p = without, _begun(bare), None
-    else:
-        before, p = since.outcome, since.last.p
-        now = with_readings(without, before, p)
-    traces = _traces(now)
-    full, sweep = _swept(now, before, traces, p, 0, free), 0
-    errors = _passive_errors(bare, before, full) if since is None else np.zeros(0)
+    now, before, traces = without, _begun(bare), _traces(without)
+    full, sweep = _swept(now, before, traces, None, 0, free), 0
+    errors = _passive_errors(bare, before, full)
     if errors.any():
-        full = _swept(now, before, [without_turns(t, errors) for t in traces], p, 0, free)
-    plain, dismissed = since.plain if since else full.points[0].p, ()
+        full = _swept(now, before, [without_turns(t, errors) for t in traces], None, 0, free)
+    plain, dismissed = full.points[0].p, ()
     parts, why, earlier = frozenset[str](), "", list[ContestOutcome]()
     while True:
         earlier.append(before)
@@ -231,16 +200,12 @@ def _sweeps(
             why = "the robot could not be in poses that it was recorded in"
             break
 
-    def over_all_rows() -> Contest:
-        return _swept(now, after, _traces(now), last.p, sweep, free).reduced()
-
-    excludes = errors.any() and not why
     every = _allowed((*_unbarred(now, full.points[0]), *free), before, 0)
     whole = full.beside_dropped(every, before.read)
     kept = last if whole is full else whole.keeping(last.shrunk.candidates)
     end = _Sweeps(
         bare, doubted(after, whole, kept), full, last, plain, (last.p - plain, *dismissed), parts,
-        why, bool(why), over_all_rows if excludes else None,
+        why, bool(why),
     )  # fmt: skip
     return end if why else _judged(bare, end)
 
