@@ -8,16 +8,12 @@ covariance
 where N is their uncertainty by noise and geometry, r_j x the distance of entry j of p = A x + p_0
 from its prior in stated standard deviations, and s_j ≥ 1 the factor by which this prior is widened.
 The s of largest evidence log N(b; K p_prior, C) explain the recording best (empirical Bayes,
-type-II maximum likelihood). A larger s_j adds κ u uᵀ to C, with
-
-    u = K A P⁻¹ r/s,   a = uᵀC⁻¹u,   q = uᵀC⁻¹(b − K p_prior)
-    twice the gain of log evidence = κ q² / (1 + κ a) − log(1 + κ a)
-
-which is largest at 1 + κ a = q²/a, so entries are taken one by one while one gains enough (as in
-Tipping and Faul 2003), or all of a body together (another density), or its moments of inertia
-(another size). Of those that gain nearly the same, the one that needs the least widening is taken.
-Friction is identifiable without prior. Tolerances of a sensor's pose, gain and zero are priors too:
-if the description holds, q²/a of an entry, with s = 1 for it, is χ² of one degree of freedom.
+type-II maximum likelihood). Entries are widened one by one while one gains enough (as in Tipping
+and Faul 2003), or all of a body together (another density), or its moments of inertia (another
+size), each by the best of some factors. Of those that gain nearly the same, the one that needs the
+least widening is taken. Friction is identifiable without prior. Tolerances of a sensor's pose, gain
+and zero are priors too: if the description holds, q²/a of an entry, with s = 1 for it, is χ² of one
+degree of freedom, u = K A P⁻¹ r/s, a = uᵀC⁻¹u, q = uᵀC⁻¹(b − K p_prior).
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -45,8 +41,8 @@ from deltaid.recording.recording import PreparedRecording
 _SIGNIFICANT, CLOSE, _LIKELIER = 15.0, 2.0, 10.0
 # Largest factor of a prior.
 _WIDEST = 1e5
-# Factors that are tried for a body as a whole.
-_TRIED = tuple(float(factor) for factor in np.geomspace(1.5, 500.0, 13))
+# Factors that are tried.
+_TRIED = tuple(float(factor) for factor in np.geomspace(1.5, _WIDEST, 24))
 _KINDS = ("inertia", "rotor", "spring", "sensor")
 # Surprise from which a tolerance of a sensor is doubted [decades].
 _DOUBTED = 5.0
@@ -85,7 +81,8 @@ class PriorEvidence:
         """Entries whose prior the recording contradicts, with the factor of its spread."""
         s = np.ones(len(self.rows))
         for _ in range(ROUNDS):
-            entry, body = _least(self._entries(s)), _least(self._bodies(s))
+            entry = _least(self._widest(s, [[j] for j in range(len(self.names))]))
+            body = _least(self._widest(s, self.bodies))
             likelier = body.gain >= max(_SIGNIFICANT, entry.gain - _LIKELIER)
             chosen = body if likelier else entry
             if chosen.gain < _SIGNIFICANT:
@@ -96,7 +93,7 @@ class PriorEvidence:
     def farthest(self, name: str) -> tuple[int, float]:
         """The base parameter in which an entry's prior is contradicted most, and by how many
         standard deviations of noise and all priors together."""
-        C, u, _ = self._covariance(np.ones(len(self.rows)))
+        C, u = self._covariance(np.ones(len(self.rows)))
         response, variances = np.abs(u[:, self.names.index(name)]), np.diag(C)
         k = int(np.argmax(np.abs(self.d) * response / variances))
         return k, float(np.abs(self.d[k]) / np.sqrt(variances[k]))
@@ -108,41 +105,23 @@ class PriorEvidence:
         s[: len(self.names)] = [factors.get(other, 1.0) for other in self.names]
         j = self.names.index(name)
         s[j] = 1.0
-        C, responses, _ = self._covariance(s)
+        C, responses = self._covariance(s)
         L, size = scaled_cholesky(C)
         u = responses[:, j] / size
         a, q = u @ (solved := cho_solve((L, True), u)), solved @ (self.d / size)
         return surprise(float(q**2 / a), 1) if a > np.finfo(float).eps else 0.0
 
-    def _covariance(self, s: Factors) -> tuple[np.ndarray, np.ndarray, Factors]:
-        """C, all u, and 1 − rᵀP⁻¹r/s² of every entry: the part of other priors."""
+    def _covariance(self, s: Factors) -> tuple[np.ndarray, np.ndarray]:
+        """C and all u."""
         rows = self.rows / s[:, None]
         half = inverse(triangle(rows))  # P^-½
         of_rows, of_base = rows @ half, self.columns @ half
-        rest = np.maximum(1.0 - np.sum(of_rows**2, axis=1), 0.0)
-        return self.N + of_base @ of_base.T, of_base @ of_rows.T, rest
+        return self.N + of_base @ of_base.T, of_base @ of_rows.T
 
-    def _entries(self, s: Factors) -> list[_Wider]:
-        C, u, rest = self._covariance(s)
-        (L, size), count = scaled_cholesky(C), len(self.names)
-        u, rest = u[:, :count] / size[:, None], rest[:count]
-        solved = cho_solve((L, True), np.column_stack([u, self.d / size]))
-        a, q = np.sum(u * solved[:, :count], axis=0), u.T @ solved[:, count]
-        visible = a > np.finfo(float).eps
-        a = np.where(visible, a, 1.0)
-        kappa = np.where(visible, np.maximum(q**2 / a - 1.0, 0.0) / a, 0.0)
-        # P loses δ r rᵀ / s², with δ = 1 − s²/s_new²: κ = δ / (1 − δ rᵀP⁻¹r/s²)
-        most = 1.0 - (s[:count] / _WIDEST) ** 2
-        delta = np.minimum(kappa / (1.0 + kappa * (1.0 - rest)), most)
-        kappa = delta / (1.0 - delta * (1.0 - rest))
-        gain = kappa * q**2 / (1.0 + kappa * a) - np.log1p(kappa * a)
-        wider = s[:count] / np.sqrt(1.0 - delta)
-        return [_Wider([j], *best) for j, best in enumerate(zip(wider, gain, strict=True))]
-
-    def _bodies(self, s: Factors) -> Iterator[_Wider]:
-        """All entries of a body, with the best factor of some."""
+    def _widest(self, s: Factors, groups: Iterable[list[int]]) -> Iterator[_Wider]:
+        """Each group of entries with the best factor of some."""
         now = self._value(s)
-        for entries in self.bodies:
+        for entries in groups:
             tried = list[_Wider]()
             for factor in _TRIED:
                 wider = s.copy()
