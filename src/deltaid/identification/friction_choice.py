@@ -277,7 +277,7 @@ def _refined(
     while kept:
         progress(f"refining friction laws of {len({step.joint for step in kept})} joints")
         refit = refined(rows, _laws(rows, kept))
-        spare = _imitated(rows, kept, refit) or _spare(rows, kept, refit)
+        spare = _spare(rows, kept, refit)
         if spare is None:
             return kept, refit
         kept.remove(spare)
@@ -308,21 +308,6 @@ def _with_constants(rows: FrictionRows, kept: Sequence[_Step], refit: Refined) -
     complete = refined(rows, _laws(rows, kept, offsets))
     surprising = surprise_of_more(rows, complete, refit, len(offsets))
     return complete if surprising > _PROBABLE else refit
-
-
-def _imitated(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step | None:
-    """One of a joint's two added terms with constants, if the other alone fits as well with refined
-    constants; None if all are needed."""
-    curved = [step for step in steps if step.variant.constants]
-    joints = [step.joint for step in curved]
-    surprises = dict[_Step, float]()
-    for step in curved:
-        if joints.count(step.joint) > 1:
-            others = [other for other in steps if other is not step]
-            less = refined(rows, _laws(rows, others))
-            surprises[step] = surprise_of_more(rows, refit, less, 1 + step.variant.constants)
-    worst = min(surprises, key=lambda step: surprises[step], default=None)
-    return worst if worst is not None and surprises[worst] <= worst.least_surprise else None
 
 
 def _spare(rows: FrictionRows, steps: Sequence[_Step], refit: Refined) -> _Step | None:
