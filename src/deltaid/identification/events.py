@@ -5,13 +5,10 @@ may come from friction that the description lacks, and friction laws are chosen 
 play cause outliers where their torque changes its sign; all such changes are excluded, as backlash.
 Outliers that last, or fill much of a recording, are no events but a load or a wrong model, which
 other stages report.
-
-An excerpt decides whether a recording has contacts at all. One outside the excerpt is detected in
-the pass that gathers the fit's rows (`Watch`); then all rows are inspected.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +19,6 @@ from deltaid.identification.outliers import (
     OutlierStretch,
     at_changes,
     detected_outliers,
-    has_outliers,
     without_recurring,
 )
 from deltaid.identification.setup import Progress, Setup
@@ -31,7 +27,6 @@ from deltaid.model.corrections import Correction
 from deltaid.recording.masks.masks import joined_times
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.repairs import BACKLASH, CHANGE, CONTACT, JOLT, SPIKE, STOP, LeftSpan, Push
-from deltaid.recording.windows import Window
 
 # Messages by the reasons to exclude events.
 _TEXT = {
@@ -70,24 +65,20 @@ _STANDS = 0.1
 def without_events(setup: Setup, progress: Progress) -> Setup:
     if setup.settings.keep_all or not setup.settings.events:
         return setup
-    corrections, by_excerpt = list[Correction](), list[int]()
+    corrections = list[Correction]()
     for k, recording in enumerate(setup.recordings):
         progress(f"looking for contacts in {recording.path}")
         bare, spans = with_events(recording), ()
         recording = recording.repaired(left_out=bare.repairs.left_out)
         expected = on_time(ExplainedRecording(setup.dynamics, setup.additions, bare))
-        if expected and not setup.inspects_every_row and _is_excerpt_quiet(expected):
-            by_excerpt.append(k)
-        elif expected:
+        if expected:
             spans = events(expected)
             recording = recording.repaired(left_out=(*bare.repairs.left_out, *spans))
         if expected and setup.settings.lag == "estimate":  # to begin with
             recording = recording.repaired(delay=expected.source.recording.repairs.delay)
         setup = setup.with_recording(k, recording)
         corrections += _corrections(spans, recording, setup.robot.drives)
-    return setup.reported(corrections, "contact", "backlash").changed(
-        inspected_by_excerpt=tuple(by_excerpt)
-    )
+    return setup.reported(corrections, "contact", "backlash")
 
 
 def with_events(
@@ -107,45 +98,6 @@ def without_play(setup: Setup) -> Setup:
     """The setup with rows restored that are excluded because gears have play."""
     whole = tuple(with_events(recording, [BACKLASH]) for recording in setup.recordings)
     return setup.changed(recordings=whole).reported((), "backlash")
-
-
-def _is_excerpt_quiet(expected: Expectation) -> bool:
-    """Whether the model fits an excerpt, which omits rows, without outliers."""
-    source, excerpt = expected.source, expected.source.recording.excerpt
-    if excerpt is None or excerpt.whole or not expected.fits:
-        return False
-    brief = replace(source, recording=source.recording.brief)
-    return detected_outliers(replace(expected, source=brief)).is_empty
-
-
-@dataclass(frozen=True, eq=False)
-class Watch:
-    """Records when windows with outliers begin [s]."""
-
-    expected: Expectation
-    starts: list[float] = field(default_factory=list[float])
-
-    def __call__(self, window: Window) -> None:
-        if len(window.inner.time) and has_outliers(self.expected, window):
-            self.starts.append(float(window.inner.time[0]))
-
-
-def watched(setup: Setup) -> Setup:
-    """The setup with a watch on recordings of which only an excerpt has been inspected."""
-    for k in setup.inspected_by_excerpt:
-        recording = setup.recordings[k]
-        expected = expect(ExplainedRecording(setup.dynamics, setup.additions, recording))
-        if expected is not None:
-            setup = setup.with_recording(k, replace(recording, watch=Watch(expected)))
-    return setup
-
-
-def unwatched(setup: Setup) -> tuple[Setup, bool]:
-    """The setup without watches, and whether one detected anything."""
-    watches = [recording.watch for recording in setup.recordings]
-    detected = any(isinstance(watch, Watch) and watch.starts for watch in watches)
-    without = tuple(replace(recording, watch=None) for recording in setup.recordings)
-    return setup.changed(recordings=without), detected
 
 
 def _corrections(

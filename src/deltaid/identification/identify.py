@@ -15,13 +15,11 @@ from deltaid.estimation.additions import split_by_addition
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.identification.assembly import assembled
 from deltaid.identification.common_constant import of_laws
-from deltaid.identification.events import unwatched, watched
 from deltaid.identification.fit import FittedProblem, Progress, fit, with_geometry
 from deltaid.identification.friction_choice import chosen_friction
 from deltaid.identification.friction_constants import LawConstants, freed
 from deltaid.identification.gains import moves_of_scale
 from deltaid.identification.judgement import judged_parameters
-from deltaid.identification.lags_and_gears import without_doubtful_lags
 from deltaid.identification.loads import held_loads, identified_loads, unloaded
 from deltaid.identification.setup import Setup
 from deltaid.identification.sources import source
@@ -188,28 +186,17 @@ def _fitted(first: Setup, progress: Progress) -> tuple[Setup, FittedProblem]:
 def _confirmed(
     first: Setup, progress: Progress, corrected: Setup | None = None
 ) -> tuple[Setup, FittedProblem]:
-    """The fit of a setup after all stages, repeated until nothing has to be taken back: events that
-    excerpts missed, doubtful lags, and friction terms and effects that the fit puts at zero.
+    """The fit of a setup after all stages, repeated until it puts no friction term and no effect at
+    zero.
 
     Args:
         corrected: the setup before friction laws are chosen, if known already.
     """
-
-    def fitted(setup: Setup) -> FittedProblem:
-        return fit(setup.dynamics, setup.recordings, setup.settings, progress, setup.additions)
-
     # Barred terms change nothing before laws are chosen.
     corrected = corrected or run_stages(first, progress, before=chosen_friction)
     corrected = corrected.changed(barred=first.barred)
-    setup = watched(run_stages(corrected, progress, first=chosen_friction))
-    problem = fitted(setup)
-    if setup.additions:
-        confirmed = without_doubtful_lags(setup, judged_parameters(problem, len(problem.p)))
-        if len(confirmed.additions) != len(setup.additions):
-            setup, problem = confirmed, fitted(confirmed)
-    setup, detected = unwatched(setup)
-    if detected:
-        return _confirmed(first.changed(inspects_every_row=True), progress)
+    setup = run_stages(corrected, progress, first=chosen_friction)
+    problem = fit(setup.dynamics, setup.recordings, setup.settings, progress, setup.additions)
     needless = idle(setup, problem)
     barred, effects = first.barred | needless.terms, first.barred_effects | needless.effects
     if effects != first.barred_effects:

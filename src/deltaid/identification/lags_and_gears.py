@@ -15,14 +15,13 @@ from deltaid.effects.lags import estimate_lags
 from deltaid.effects.timing import other_than_delays
 from deltaid.effects.windings import Compliance, motors_of
 from deltaid.errors import IdentificationError, RecordingError
-from deltaid.estimation.additions import Addition, split_by_addition
+from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.gains import gains
 from deltaid.identification.setup import WIND_UP, Progress, Setup
 from deltaid.identification.study import LOAD_CHANGE, Study
 from deltaid.model.corrections import Correction
-from deltaid.model.parameter_record import Parameter
 from deltaid.recording.log import FEW_WINDOWS
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import WINDOW
@@ -117,36 +116,6 @@ def _timed(
     }
     common = (setup.dynamics, others, timing.p, recording, groups, several)
     return repairs, [LagColumns(*common, timing=timing)]
-
-
-def without_doubtful_lags(setup: Setup, judged: Sequence[Parameter]) -> Setup:
-    """The setup without lags that the fit does not confirm: their intervals all include zero, or
-    are wide. Something undeclared may look like these lags.
-
-    Args:
-        judged: the parameters of all additions, as fitted.
-    """
-    for addition, fitted in split_by_addition(setup.additions, judged):
-        if not isinstance(addition, LagColumns) or not _doubtful(addition.to_corrections(fitted)):
-            continue
-        recordings = [recording for recording in setup.recordings if addition.is_of(recording)]
-        if any(r.repairs.constants or r.repairs.growth for r in recordings):
-            continue  # filters and clocks are beyond chance, and so are these lags
-        kept = tuple(
-            other
-            for other in setup.additions
-            if not isinstance(other, TimingColumns) or not other.is_of(addition.recording)
-        )
-        setup = setup.changed(additions=kept)
-        for recording in recordings:
-            setup = setup.repaired(recording, delay=())
-    return setup
-
-
-def _doubtful(lags: Sequence[Correction]) -> bool:
-    ends = [(lag.low, lag.high) for lag in lags if lag.low is not None and lag.high is not None]
-    zero = [low <= 0.0 <= high for low, high in ends]
-    return bool(ends) and (all(zero) or any(high - low > 2 * UNKNOWN for low, high in ends))
 
 
 def traced(

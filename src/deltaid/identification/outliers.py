@@ -28,7 +28,6 @@ from deltaid.levels import NEVER, STRONG, SURE, UNLIKELY
 from deltaid.recording.filter import LowPass
 from deltaid.recording.masks.masks import runs_of
 from deltaid.recording.repairs import BACKLASH, SPIKE, LeftSpan
-from deltaid.recording.windows import Window
 
 # Largest factor by which thresholds are widened for a model that does not fit.
 _WIDEST = 3.0
@@ -78,10 +77,6 @@ class Outliers:
     # reversals of joints, drives first, then passive joints with friction [s]
     reversals: tuple[Times, ...]
 
-    @property
-    def is_empty(self) -> bool:
-        return not (self.stretches or self.spikes)
-
 
 @dataclass
 class JoinedStretches:
@@ -115,10 +110,6 @@ def detected_outliers(expected: Expectation) -> Outliers:
     return _outliers(
         expected, recording.evaluate(kinematics, lambda w: inspected_window(expected, w))
     )
-
-
-def has_outliers(expected: Expectation, window: Window) -> bool:
-    return not _outliers(expected, [inspected_window(expected, window)]).is_empty
 
 
 def _outliers(expected: Expectation, windows: Iterable[InspectedWindow]) -> Outliers:

@@ -95,8 +95,6 @@ class Setup:
         undetected: changes of parameters, by name, by a constant that drives may share.
         barred, barred_effects: friction terms and effects that a fit has put at zero; they are not
             chosen again.
-        inspects_every_row: whether every row is inspected for events, not only excerpts.
-        inspected_by_excerpt: numbers of the recordings of which only an excerpt was inspected.
         studies: of each recording before undeclared causes are corrected; empty at first.
         detected: studies that detected undeclared loads, by the loads' names; None for loads of
             whole recordings, which no study of one recording shows.
@@ -112,8 +110,6 @@ class Setup:
     undetected: Mapping[str, float] = field(default_factory=dict[str, float])
     barred: frozenset[JointTerm] = frozenset()
     barred_effects: frozenset[str] = frozenset()
-    inspects_every_row: bool = False
-    inspected_by_excerpt: tuple[int, ...] = ()
     studies: tuple[Study | None, ...] = ()
     detected: Mapping[str, Study | None] = field(default_factory=dict[str, Study | None])
     outcome: ContestOutcome | None = None

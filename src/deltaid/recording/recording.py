@@ -41,7 +41,6 @@ class PreparedRecording(Shown):
         low_pass: filter of the log; None if velocities and accelerations are used as recorded.
         repairs: corrections of the rows.
         excerpt: stretches that represent the log; None before they have been read.
-        watch: function that is called with every evaluated window.
         every: k if every k-th window is evaluated.
         before: rows ahead of the first one, as many as the filter takes, in blocks, columns as in
             `Log.batches`; empty if unknown.
@@ -55,7 +54,6 @@ class PreparedRecording(Shown):
     low_pass: LowPass | None
     repairs: Repairs = field(default_factory=Repairs)
     excerpt: Excerpt | None = None
-    watch: Callable[[Window], None] | None = None
     every: int = 1
     before: tuple[Rows, ...] = ()
     after: tuple[Rows, ...] = ()
@@ -99,7 +97,7 @@ class PreparedRecording(Shown):
         """Excerpt as a recording; the whole recording if it has no excerpt."""
         if self.excerpt is None:
             return self
-        return replace(self, log=replace(self.log, held=self.excerpt), watch=None)
+        return replace(self, log=replace(self.log, held=self.excerpt))
 
     def sparser(self, windows: int) -> "PreparedRecording":
         """Recording thinned to evenly spread windows, at least `windows` of them."""
@@ -114,10 +112,7 @@ class PreparedRecording(Shown):
         """
 
         def done(uncut: _WindowMaker) -> _Result:
-            window = uncut[1]()
-            if self.watch is not None:
-                self.watch(window)
-            return work(window)
+            return work(uncut[1]())
 
         return ordered(done, islice(self._window_makers(kinematics), None, None, self.every))
 
