@@ -24,6 +24,8 @@ from deltaid.identification.study import Study
 from deltaid.model.record import Settings
 from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
+from deltaid.recording.carried import Load
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import open_recordings
 from deltaid.recording.repairs import SPIKE, Gears, LeftSpan, Repairs
@@ -37,8 +39,11 @@ STIFFNESS = np.array([4e3, 6e3, 5e3])
 
 
 @cache
-def wound(share: float = 1.0, noise: float = 0.01) -> tuple[Dynamics, np.ndarray, pl.DataFrame]:
+def wound(
+    share: float = 1.0, noise: float = 0.01, load: float = 0.0
+) -> tuple[Dynamics, np.ndarray, pl.DataFrame]:
     """A recording of motors behind gears with a share of the compliance 1 / STIFFNESS; p is true.
+    The platform holds a load [kg] from 4 s on.
 
     τ_g = Y p without the drives' friction; q_m = q + τ_g / k; τ = τ_g + friction(q̇_m).
     """
@@ -48,20 +53,25 @@ def wound(share: float = 1.0, noise: float = 0.01) -> tuple[Dynamics, np.ndarray
     time = np.arange(-500, 8500) / RATE
     z, zd, zdd = motion.evaluate(time)
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    carried = dynamics.carried(z, qd, qdd, p)
+    held, loaded = np.where(time < 4, 0.0, 1.0), p.copy()
+    loaded[dynamics.layout.names.index("P.m")] += load
+    more = held[:, None] * (dynamics.carried(z, qd, qdd, loaded) - dynamics.carried(z, qd, qdd, p))
+    carried = dynamics.carried(z, qd, qdd, p) + more
     named = dict(zip((parameter.name for parameter in dynamics.layout.parameters), p, strict=True))
     viscous, coulomb = (
         np.array([named[f"{kind}.{drive}"] for drive in dynamics.robot.drives])
         for kind in ("viscous", "coulomb")
     )
-    own = dynamics.torque(z, qd, qdd, p) - carried - viscous * qd - coulomb * np.sign(qd)
+    own = dynamics.torque(z, qd, qdd, p) + more - carried - viscous * qd - coulomb * np.sign(qd)
     ahead = share * carried / STIFFNESS
     faster = np.gradient(ahead, 1 / RATE, axis=0)
     tau = carried + own + viscous * (qd + faster) + coulomb * np.sign(qd + faster)
     inner, size = slice(500, -500), np.abs(tau).max(axis=0)
     steps = 1e-6 * np.round(1e6 * (q + ahead))
     tau = tau + noise * size * rng.standard_normal(tau.shape)
-    return dynamics, p, tabled(t=time[inner], q=steps[inner], tau=tau[inner], link=q[inner])
+    columns = {"q": steps, "tau": tau, "link": q}
+    table = tabled(t=time[inner], **{name: values[inner] for name, values in columns.items()})
+    return dynamics, p, table.with_columns(held=pl.Series(held[inner]))
 
 
 @cache
@@ -160,6 +170,19 @@ def test_compliances_are_detected_and_corrected() -> None:
     assert mass_error(dynamics, wrong.p, p) > 2 * mass_error(dynamics, found.model.p, p)
     again = model_filtered(found.model, open_log(table, dynamics.kinematics))
     np.testing.assert_allclose(again.repairs.gears.compliance, values)
+
+
+def test_gears_wind_up_under_a_load_as_well() -> None:
+    """The torque of a load that is subtracted belongs to the link's motion."""
+    dynamics, p, table = wound(load=0.6)
+    held = ColumnMapping(load=Load(column="held"))
+    only = Settings(friction="described", events=False)
+    model = deltaid.identify(dynamics.robot, table, columns=held, settings=only).model
+    *gears, load = model.corrections
+    values = np.array([correction.value for correction in gears])
+    np.testing.assert_allclose(values, 1 / STIFFNESS, rtol=0.1)
+    assert load.value == pytest.approx(0.6, rel=0.004)
+    assert mass_error(dynamics, model.p, p) < 0.002
 
 
 def test_stiff_gears_stay_stiff() -> None:

@@ -135,11 +135,14 @@ class Windings:
         kinematics, stretches = self.trace.dynamics.kinematics, list[SampleBlock]()
         if not np.any(compliance):
             return self.trace
+        burden = self.trace.recording.burden(kinematics.robot)
         for w, carried in zip(self.trace.stretches, self.carried, strict=True):
             turn = compliance * carried
             z, _ = kinematics.forward_unchecked(kinematics.inverse(w.z) - turn[0])
-            tau = w.tau - self.motors.less(w.qd, w.qdd, turn[1], turn[2])
-            stretches.append(replace(w, z=z, qd=w.qd - turn[1], qdd=w.qdd - turn[2], tau=tau))
+            motion = z, w.qd - turn[1], w.qdd - turn[2]
+            held = burden(w.time, *motion, w.extra) if burden else w.carried
+            tau = w.tau + w.carried - held - self.motors.less(w.qd, w.qdd, turn[1], turn[2])
+            stretches.append(SampleBlock(w.time, *motion, tau, w.weights, w.extra, held))
         return replace(self.trace, stretches=tuple(stretches))
 
     def slopes(self, s: Compliance, steps: Groups, p: Parameters) -> ColumnsOfDrives:
@@ -262,7 +265,7 @@ class WindUp(StagedEffect):
 
         def carried(w: SampleBlock) -> Float[np.ndarray, "channels samples"]:
             """τ_g and two derivatives by time."""
-            level = point.dynamics.carried(w.z, w.qd, w.qdd, point.p).T
+            level = point.trace.carried(w, point.p).T
             first = rate * slope(level)
             return np.vstack([level, first, rate * slope(first)])
 

@@ -20,11 +20,12 @@ from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.masks.masks import before_stops
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.opening import open_log
-from deltaid.recording.repairs import Repairs, TorqueDrift, burden_of
+from deltaid.recording.repairs import Repairs, Samples, TorqueDrift, burden_of
 from deltaid.recording.row_sample import REPEATED, shared_rows
 from deltaid.recording.spectrum import SpectrumEstimate
 from deltaid.recording.time.clock import ClockReport
 from deltaid.recording.windows import WINDOW, Directions, Window, blocks, window_of
+from deltaid.robot.description import RobotDescription
 from deltaid.shown import Shown
 
 _Result = TypeVar("_Result")
@@ -119,15 +120,13 @@ class PreparedRecording(Shown):
     def _window_makers(self, kinematics: Kinematics) -> Iterator[_WindowMaker]:
         """Functions that make the windows of each segment; no window reaches beyond its segment."""
         log, low_pass, repairs, start = self.log, self.filter, self.repairs, 0
-        directions = burden = None
+        directions = None
         if not log.keep_all:
             noise = np.zeros_like(log.position_noise)  # noise of recorded velocities is unknown
             if not log.columns.velocity:
                 noise = log.position_noise * low_pass.speed_gain
             directions = Directions(1 / log.rate, noise, repairs.smear(log.rate))
-        if repairs.loads or repairs.pulls:
-            burden = burden_of(kinematics.robot, log.columns, repairs.loads, repairs.pulls)
-        about = (log.columns, kinematics, low_pass, directions, burden)
+        about = (log.columns, kinematics, low_pass, directions, self.burden(kinematics.robot))
         for segment in log.segments(self.motion_cutoff):
             timed = in_time(segment, log.columns, log.rate)
             repaired = repairs.apply(timed, log.columns, log.rate)
@@ -135,6 +134,11 @@ class PreparedRecording(Shown):
                 if samples := low_pass.samples_of(len(rows)):
                     yield samples, partial(window_of, rows, start, *about)
                 start += -(-samples // low_pass.thinned) * low_pass.thinned
+
+    def burden(self, robot: RobotDescription) -> Callable[..., Samples] | None:
+        """Torques of held loads and external causes, as `burden_of` returns them; None without."""
+        loads, pulls = self.repairs.loads, self.repairs.pulls
+        return burden_of(robot, self.log.columns, loads, pulls) if loads or pulls else None
 
     @property
     def without(self) -> tuple[int, int]:
