@@ -20,6 +20,7 @@ from deltaid.identification.doubts import constants
 from deltaid.identification.fit import with_geometry
 from deltaid.identification.setup import ContestOutcome
 from deltaid.identification.study import studied_trace
+from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import described
 from drives import case
 from drives.identify import identified
@@ -88,6 +89,26 @@ def test_friction_by_load_counts_what_rotors_and_bodies_share() -> None:
     A = columns.reshape(-1, 5)
     left = load - A @ np.linalg.lstsq(A, load)[0]
     assert np.linalg.norm(left) < 0.02 * np.linalg.norm(load)  # 11 % without the rotor's column
+
+
+def test_friction_by_load_counts_held_loads() -> None:
+    result = clean("irb360-6-1600").result
+    trace, p = (
+        studied_trace(result.problem.dynamics, result.recordings[0], result.model.p),
+        result.model.p,
+    )
+    assert trace is not None
+    dynamics, heavier = trace.dynamics, p.copy()
+    heavier[dynamics.layout.names.index("EE.m")] += 1.0
+
+    def more(w: SampleBlock) -> SampleBlock:
+        with_load, without = (dynamics.carried(w.z, w.qd, w.qdd, each) for each in (heavier, p))
+        return replace(w, carried=with_load - without)
+
+    holding = replace(trace, stretches=tuple(more(w) for w in trace.stretches))
+    held, fixed = TracePoint(holding, p), TracePoint(trace, heavier)
+    columns = [point.of_joints([(point.driven[0], of_load)]) for point in (held, fixed)]
+    np.testing.assert_allclose(*columns, rtol=1e-9)
 
 
 def test_a_hose_is_found_and_goes_with_the_model(tmp_path: Path) -> None:

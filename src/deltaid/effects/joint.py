@@ -89,7 +89,7 @@ def joint_columns(
     columns = [none, *(np.full(len(places), k) for k, places in enumerate(drives[1:]))]
 
     def values(w: SampleBlock) -> np.ndarray:
-        carried, entries = trace.dynamics.carried(w.z, w.qd, w.qdd, p), trace.entries(w)
+        carried, entries = trace.carried(w, p), trace.entries(w)
         speeds = {joint.name: joint.speed(entries) for joint, _ in shapes}
         parts = [
             make(speeds[joint.name], entries[joint.coulomb], joint.load(carried, w))
