@@ -185,6 +185,16 @@ def test_gears_wind_up_under_a_load_as_well() -> None:
     assert mass_error(dynamics, model.p, p) < 0.002
 
 
+@pytest.mark.slow
+def test_an_undeclared_load_behind_soft_gears_is_no_drift_of_torque_constants() -> None:
+    dynamics, p, table = wound(load=0.3)
+    only = Settings(friction="described", events=False)
+    model = deltaid.identify(dynamics.robot, table.drop("held"), settings=only).model
+    assert [c.kind for c in model.corrections] == [*3 * ["compliance"], "load"]
+    assert model.corrections[-1].value == pytest.approx(0.3, rel=0.01)
+    assert mass_error(dynamics, model.p, p) < 0.002  # 3 % with constants that drift
+
+
 def test_stiff_gears_stay_stiff() -> None:
     found = fitted(0.0)
     assert not [

@@ -14,10 +14,11 @@ from deltaid.effects import load_change
 from deltaid.effects.effect import Cause, causes_of
 from deltaid.effects.load import LoadChange
 from deltaid.effects.load_columns import LoadColumns
-from deltaid.identification.loads import _is_filled
+from deltaid.estimation.drive_rows import DriveRows
+from deltaid.identification.loads import _is_filled, _leaves_more
 from deltaid.identification.setup import Setup
 from deltaid.identification.stages import idle
-from deltaid.identification.study import studied
+from deltaid.identification.study import Study, studied
 from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade
 from deltaid.recording.recording import PreparedRecording
@@ -226,6 +227,22 @@ def test_times_that_are_excluded_show_no_load(
     excluded = tuple(LeftSpan(first, last, "contact") for first, last in times)
     recording = Mock(spec=PreparedRecording, repairs=Repairs(left_out=excluded))
     assert _is_filled(recording, held) == is_filled
+
+
+@pytest.mark.parametrize(
+    ("scales", "more"), [([1.1, 1.1], True), ([1.0, 1.1], False), ([1.2, 0.8], False), ([], False)]
+)
+def test_noise_that_grows_beyond_chance_decides_between_explanations(
+    scales: list[float], more: bool
+) -> None:
+    """Twice 400 samples: 1.96/√800 is 7 %."""
+    studies = []
+    for scale in (np.ones(2), np.array(scales)):
+        study = Mock(spec=Study)
+        study.fit.rows = DriveRows(scale, 400)
+        studies.append((study,) if scales else (None,))
+    before, after = (Mock(spec=Setup, studies=each) for each in studies)
+    assert _leaves_more(after, before) is more
 
 
 def test_a_load_whose_mass_may_be_zero_is_idle() -> None:

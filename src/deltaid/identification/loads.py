@@ -22,6 +22,7 @@ from deltaid.errors import RecordingError
 from deltaid.estimation.additions import Addition, extended, split_by_addition
 from deltaid.estimation.objective import pose
 from deltaid.estimation.reduction import build_reduction
+from deltaid.estimation.scatter import NORMAL
 from deltaid.identification.contest_stage import contested
 from deltaid.identification.events import with_events, without_events
 from deltaid.identification.gathering import gather_all
@@ -209,9 +210,9 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
     # Other causes may look like a load.
     without_loads = contested(first.changed(studies=()), progress)
     kept = _kept_causes(without_loads)
-    if kept and _is_adequate(without_loads) and (kept <= needed or not _is_adequate(with_loads)):
-        return without_loads
-    return with_loads
+    if not kept or not _is_adequate(without_loads) or _leaves_more(without_loads, with_loads):
+        return with_loads
+    return without_loads if kept <= needed or not _is_adequate(with_loads) else with_loads
 
 
 def _short(setup: Setup) -> frozenset[str]:
@@ -239,6 +240,18 @@ def _is_filled(recording: PreparedRecording, held: Sequence[tuple[float, float]]
 
 def _kept_causes(setup: Setup) -> set[str]:
     return set(setup.outcome.kept) if setup.outcome else set()
+
+
+def _leaves_more(other: Setup, setup: Setup) -> bool:
+    """Whether another explanation leaves more residual beyond chance (95 %)."""
+    rows = [
+        (after.fit.rows, before.fit.rows)
+        for after, before in zip(other.studies, setup.studies, strict=False)
+        if after and before
+    ]
+    more = np.concatenate([np.zeros(0), *(np.log(a.scale / b.scale) for a, b in rows)])
+    samples = sum(a.scale.size * a.samples for a, _ in rows)
+    return bool(rows) and float(np.mean(more)) > NORMAL / np.sqrt(samples)
 
 
 def _is_adequate(setup: Setup) -> bool:
