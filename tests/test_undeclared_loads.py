@@ -236,13 +236,11 @@ def test_noise_that_grows_beyond_chance_decides_between_explanations(
     scales: list[float], more: bool
 ) -> None:
     """Twice 400 samples: 1.96/√800 is 7 %."""
-    studies = []
-    for scale in (np.ones(2), np.array(scales)):
-        study = Mock(spec=Study)
-        study.fit.rows = DriveRows(scale, 400)
-        studies.append((study,) if scales else (None,))
-    before, after = (Mock(spec=Setup, studies=each) for each in studies)
-    assert _leaves_more(after, before) is more
+    before, after = (
+        Mock(spec=Setup, studies=(Mock(spec=Study, fit=Mock(rows=DriveRows(scale, 400))),))
+        for scale in (np.ones(2), np.array(scales))
+    )
+    assert _leaves_more(after, before if scales else Mock(spec=Setup, studies=())) is more
 
 
 def test_a_load_whose_mass_may_be_zero_is_idle() -> None:
