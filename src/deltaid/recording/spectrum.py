@@ -17,8 +17,6 @@ HIGHEST = 0.1
 LOWEST_CUTOFF = 2.0
 # Outputs per row of a matrix product, and numbers per product, which fit into the cache.
 _OUTPUTS, _CHUNK = 16, 1 << 17
-# Decimation from which pieces are faster than a banded matrix.
-_SPARSE = 8
 # Samples per segment of a spectrum.
 SEGMENT = 4096
 # Least ratio of a motion's power to that of the noise: 20 dB; and ratio of noise by an encoder's
@@ -47,14 +45,11 @@ def convolve(
     """Convolve each channel with several filters of equal length, as `apply` does with one.
 
     Neighbouring outputs of all filters are a banded matrix times the samples that they depend on.
-    Such matrix products are an order of magnitude faster than a loop over taps. At a high
-    decimation, samples are cut into pieces of `decimation` samples instead.
+    Such matrix products are an order of magnitude faster than a loop over taps.
     """
     filters, length = taps.shape
     if length == 1:
         return taps[:, :, None] * x[:, ::decimation]
-    if decimation >= _SPARSE:
-        return _sparse(taps, x, decimation)
     channels, samples = x.shape
     kept = max(0, -(-(samples - length + 1) // decimation))
     if not channels or not kept:
@@ -92,34 +87,6 @@ def _band(
     column = np.arange(_OUTPUTS)
     band[column * decimation + np.arange(length)[:, None], :, column] = taps[:, ::-1].T[:, None]
     return band.reshape(span, -1)
-
-
-def _sparse(
-    taps: Float[np.ndarray, "filters taps"],
-    x: Float[np.ndarray, "channels samples"],
-    decimation: int,
-) -> Float[np.ndarray, "filters channels kept"]:
-    """Outputs y_k = Σ_j h_jᵀ x_{k+j}, with pieces x_m of `decimation` samples and h_j of taps."""
-    filters, length = taps.shape
-    channels, samples = x.shape
-    kept, pieces = max(0, -(-(samples - length + 1) // decimation)), -(-length // decimation)
-    h = np.zeros((filters, pieces * decimation))
-    h[:, :length] = taps[:, ::-1]
-    h = h.reshape(filters * pieces, decimation)
-    out = np.zeros((filters, channels, kept))
-    count = kept + pieces - 1
-    whole = min(count, samples // decimation)
-    products = np.empty((channels, len(h), count))
-    cut = x[:, : whole * decimation].reshape(channels, whole, decimation)
-    np.matmul(h, cut.swapaxes(1, 2), out=products[:, :, :whole])
-    if whole < count:  # the filter ends within the last piece
-        last = np.zeros((channels, decimation))
-        last[:, : samples - whole * decimation] = x[:, whole * decimation : count * decimation]
-        products[:, :, whole] = last @ h.T
-    for k in range(filters):
-        for j in range(pieces):
-            out[k] += products[:, k * pieces + j, j : j + kept]
-    return out
 
 
 @dataclass(frozen=True, eq=False)
