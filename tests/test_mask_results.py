@@ -13,7 +13,7 @@ from deltaid.model.corrections import LeftOut, TimeSpan
 from deltaid.recording.memory import Recording as RawRecording
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import PreparedRecording, open_recordings, with_filter
-from deltaid.view.corrections import left_out_table, reversals
+from deltaid.view.corrections import left_out_table
 from interrupted import CLAVEL, IRB, Interrupted, cost_of_masks, interrupted, mass_error, opened
 from poor_priors import PLAIN as MASKS  # nothing is corrected beside the masks
 from sweeps import swept
@@ -159,7 +159,6 @@ def test_table_names_reason_drives_share_and_times() -> None:
     assert first[3] == "0.000–0.250, 1.000–1.250, 2.000–2.250 and 8 more"
     assert second == ("reversal", "1", "1.0 %", "")
     assert left_out_table([("a.csv", (turning,))]) is None
-    assert reversals((clipped, turning)) == ", 1.0 % excluded at reversals"
     several = left_out_table([("a.csv", (clipped,)), ("b.csv", (clipped,))])
     assert [row[0] for row in several.rows] == ["a.csv", "b.csv"]
 

@@ -13,14 +13,19 @@ from deltaid.checks.identify import Judged
 from deltaid.checks.verdicts import Verdicts
 from deltaid.identification.prediction import validate
 from deltaid.identification.torque_error import TorqueError
-from deltaid.model.corrections import Correction
+from deltaid.model.corrections import Correction, LeftOut
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.view.model_pages import identification_page
 from deltaid.view.model_tables import error_table
 from deltaid.view.page import Fact, Summary, Table, Trust
-from deltaid.view.summary import provenance_section, summary, without_doubts
+from deltaid.view.summary import (
+    provenance_section,
+    provenance_tables,
+    summary,
+    without_doubts,
+)
 from html_page import Document
 from identified import identified, simulated
 from logs import write
@@ -147,6 +152,20 @@ def test_tables_say_which_recording_and_setting_is_meant(
     tables = [b for b in provenance_section(load(model), "s").blocks if isinstance(b, Table)]
     rows = {row[0]: row[1] for table in tables for row in table.rows}
     assert (rows["keep all"], rows["events"]) == ("no", "yes")
+
+
+def test_recordings_and_fit_are_listed_with_filter_and_certificate(model: IdentifiedModel) -> None:
+    turning = LeftOut(reason="reversal", why="turns", drives=("drive1",), share=0.01)
+    filtered = {"cutoff_hz": 12.0, "motion_cutoff_hz": 49.3, "left_out": (turning,)}
+    bare = {"cutoff_hz": None, "motion_cutoff_hz": None, "left_out": ()}
+    sources = tuple(model.sources[0].changed(**changed) for changed in (filtered, bare))
+    table, _ = provenance_tables(model.changed(sources=sources))
+    assert [row[4:7] for row in table.rows] == [("12", "49.3", "1.0 %"), ("—", "—", "")]
+    for gap, said in {1e-9: "(certified)", 0.3: "(within 30 %)", None: "not convex"}.items():
+        exact = gap and gap * model.fit.objective
+        fit = model.fit.changed(duality_gap=exact)
+        rows = dict(provenance_tables(model.changed(fit=fit))[1].rows)
+        assert said in rows["duality gap, J minus its certified bound"]
 
 
 def test_numbers_and_corrections_are_counted(model: IdentifiedModel, error: TorqueError) -> None:

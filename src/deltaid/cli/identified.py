@@ -96,14 +96,15 @@ def print_result(
         truth, against: parameters of a simulated robot, and a sentence on the distance from them.
         full: whether to print all tables.
     """
-    from deltaid.view import corrections, model_tables
-    from deltaid.view.summary import summary, without_doubts
+    from deltaid.view import corrections, model_tables, parameters
+    from deltaid.view.summary import provenance_tables, summary, without_doubts
 
     model, choice = result.model, result.model.friction_choice
     said = without_doubts(summary(result, verification, log))
     tables = [model_tables.error_table(deltaid.load(model), verification)]
-    further = [model_tables.parameter_table(model, truth)]
-    details = [*model_tables.sums(model), *fit_lines(result)]
+    sources, fit = provenance_tables(model)
+    further = [model_tables.parameter_table(model, truth), sources.without("SHA-256"), fit]
+    details = [*model_tables.sums(model), *filter(None, [parameters.shares_sentence(model)])]
     if choice is not None and choice.steps:
         further.append(model_tables.choice_table(choice, model.robot))
         details.append(model_tables.choice_sentence(choice))
@@ -123,46 +124,3 @@ def print_result(
         details,
         full=full,
     )
-
-
-def fit_lines(result: "deltaid.Identification") -> list[str]:
-    """Sentences about the fit: filter, optimum, rank, consistency."""
-    from deltaid.estimation.conic import SOLVERS
-    from deltaid.recording.repairs import WHY_REPAIRED
-    from deltaid.view import corrections, parameters
-
-    fit, model = result.model.fit, result.model
-    lines = []
-    for source in model.sources:
-        of_motion = source.motion_cutoff_hz
-        is_other = of_motion is not None and of_motion != source.cutoff_hz
-        positions = f", positions at {of_motion:.3g} Hz" if is_other else ""
-        filtered = (
-            f"zero-phase low-pass at {source.cutoff_hz:.3g} Hz{positions}, thinned to "
-            f"{source.used_samples}"
-            if source.cutoff_hz
-            else "not filtered"
-        )
-        lines.append(
-            f"{source.log}: {source.samples} samples at {source.rate_hz:.6g} Hz, {filtered}"
-            f"{corrections.reversals(source.left_out)}"
-        )
-    if fit.duality_gap is None:
-        certificate = "no certificate: this regulariser is not convex"
-    elif SOLVERS[model.settings.method].certifies:
-        certificate = f"global optimum, duality gap {fit.duality_gap:.1e}"
-    else:
-        share = fit.duality_gap / fit.objective
-        certificate = f"{fit.duality_gap:.1e} ({100 * share:.2g} %) above the certified optimum"
-    spans = [span for source in model.sources for span in source.left_out]
-    if any(span.reason in WHY_REPAIRED for span in spans):
-        certificate += ", of the rows that events have left"
-    lines += [
-        f"objective {fit.objective:.4e}, {certificate}; γ = {fit.gamma:.2e}",
-        f"{fit.optimization_variables} free parameters, {fit.base_parameters} base parameters, "
-        f"condition {fit.base_condition:.0f}; torque noise {100 * fit.noise_level:.2g} % of the "
-        "largest torque",
-        parameters.shares_sentence(model),
-        "all bodies physically consistent",
-    ]
-    return [line for line in lines if line]

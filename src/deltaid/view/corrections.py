@@ -207,13 +207,6 @@ def left_out_table(logs: Iterable[tuple[str, Sequence[LeftOut]]]) -> Table | Non
     return _of_logs(table, len({name for name, _ in parts}) > 1)
 
 
-def reversals(exclusions: Sequence[LeftOut]) -> str:
-    """The share excluded at reversals, as the end of a sentence; empty if there is none."""
-    return "".join(
-        f", {percent(part.share)} excluded at reversals" for part in exclusions if not part.spans
-    )
-
-
 def correction_tables(model: IdentifiedModel, most_events: int) -> tuple[Table, ...]:
     """Tables of corrections, loads, sensors, events and exclusions, without empty ones."""
     sources = model.sources

@@ -162,26 +162,12 @@ def provenance_section(model: Model, title: str) -> Section:
     described = Table(columns, sources, "Sources of the description.")
     if known is None:
         return Section(title, (Text(f"Parameters: {model.origin}."), described), "where it is from")
-    fit = known.fit
-    reached = {
-        "objective J": number(fit.objective),
-        "certified lower bound": number(fit.lower_bound) if fit.lower_bound else "none",
-        "above that bound, share of J": certificate(fit)[1] if fit.lower_bound else "not known",
-        "weight of the prior γ": number(fit.gamma),
-        "solver's status": fit.status,
-        "iterations": str(fit.iterations),
-        "free parameters": str(fit.optimization_variables),
-        "base parameters": str(fit.base_parameters),
-        "condition of the base regressor": number(fit.base_condition),
-        "torque noise, share of the largest torque": percent(fit.noise_level),
-    }
     settings = {
         name.replace("_", " "): "by rule" if value is None else _shown(value)
         for name, value in known.settings.model_dump().items()
     }
     tables = (
-        _recording_table(known),
-        Table(("fit", "result"), tuple(reached.items())),
+        *provenance_tables(known),
         Table(
             ("setting", "value"),
             (*settings.items(), ("deltaid version", known.deltaid)),
@@ -192,21 +178,47 @@ def provenance_section(model: Model, title: str) -> Section:
     return Section(title, tables, "recordings, what the fit reached, settings")
 
 
+def provenance_tables(model: IdentifiedModel) -> tuple[Table, Table]:
+    """Recordings that a model was identified from, and what its fit reached."""
+    fit = model.fit
+    optimality, words = certificate(fit)
+    gap = words if fit.duality_gap is None else f"{fit.duality_gap:.1e}"
+    reached = {
+        "objective J": number(fit.objective, 5),
+        "duality gap, J minus its certified bound": f"{gap} ({optimality})",
+        "weight of the prior γ": number(fit.gamma),
+        "solver's status": fit.status,
+        "iterations": str(fit.iterations),
+        "free parameters": str(fit.optimization_variables),
+        "base parameters": str(fit.base_parameters),
+        "condition of the base regressor": number(fit.base_condition),
+        "torque noise, share of the largest torque": percent(fit.noise_level),
+    }
+    return _recording_table(model), Table(("fit", "result"), tuple(reached.items()))
+
+
 def _recording_table(model: IdentifiedModel) -> Table:
     return Table(
-        ("recording", "samples", "rate [Hz]", "cut-off [Hz]", "samples used", "SHA-256"),
+        ("recording", "samples", "used", "rate", "cut-off", "positions", "reversals", "SHA-256"),
         tuple(
             (
                 source.log,
                 str(source.samples),
-                f"{source.rate_hz:.6g}",
-                f"{source.cutoff_hz:.3g}" if source.cutoff_hz else "not filtered",
                 str(source.used_samples),
+                f"{source.rate_hz:.6g}",
+                *(
+                    f"{cutoff:.3g}" if cutoff else "—"
+                    for cutoff in (source.cutoff_hz, source.motion_cutoff_hz or source.cutoff_hz)
+                ),
+                ", ".join(percent(part.share) for part in source.left_out if not part.spans),
                 source.sha256,
             )
             for source in model.sources
         ),
-        "Recordings that the model was identified from.",
+        "Recordings that the model was identified from: samples recorded, and used behind the "
+        "zero-phase low-pass; sampling rate and cut-offs for rows and for positions in Hz; share "
+        "of the rows excluded at reversals.",
+        title="recordings: frequencies in Hz, share excluded at reversals",
     )
 
 
