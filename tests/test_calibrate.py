@@ -171,7 +171,7 @@ def test_the_command_says_the_verdict_first_on_one_screen(files: Path, tmp_path:
     done = run("calibrate", CLAVEL, "--points", files / "points.csv", "-o", out, "--report", page)
     lines = done.out.splitlines()
     assert done.code == 0, done.err
-    assert lines[0].startswith("good: positions to 0.0")
+    assert lines[0].startswith("Good: positions to 0.0")
     assert len(lines) <= 25
     assert (
         max(
@@ -194,8 +194,12 @@ def test_the_command_says_the_verdict_first_on_one_screen(files: Path, tmp_path:
 
 def test_instruments_mix_and_what_none_knows_is_said(files: Path) -> None:
     bed = run("calibrate", CLAVEL, "--probe", files / "bed.csv")
-    assert bed.out.startswith("doubtful: ")
-    assert "not known: " in bed.out
+    assert bed.out.startswith("Doubtful: ")
+    every = run("calibrate", CLAVEL, "--probe", files / "bed.csv", "--full").out
+    combinations = [text.count("Not known: ") - 1 for text in (bed.out, every)]  # and mistakes
+    assert combinations == [3, len(deltaid.calibrate(CLAVEL, probe=files / "bed.csv").open)]
+    assert combinations[1] > 3
+    assert "--full prints also" in bed.out
     both = ("--probe", files / "bed.csv", "--distances", files / "parts.csv")
     mixed = json_of("calibrate", CLAVEL, *both)
     alone = json_of("calibrate", CLAVEL, *both[:2])
@@ -332,6 +336,6 @@ def test_exchanged_axes_of_a_bed_are_not_known_and_said_so(files: Path, tmp_path
     for path in (printer / "bed.csv", exchanged):
         found = run("calibrate", KOSSEL, "--probe", path, "--columns", printer / "columns.yaml")
         said = " ".join(found.out.split())
-        assert "not known: whether x and y of commanded points, or two drives, are" in said
+        assert "Not known: whether x and y of commanded points, or two drives, are" in said
         assert "or the points' origin is shifted" in said
     assert not deltaid.calibrate(CLAVEL, points=files / "points.csv").unseen

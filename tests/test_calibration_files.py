@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 import deltaid
-from command import refused
+from command import accepted, refused
 from measured_poses import CLAVEL, NOISE, POINT, measured
 
 
@@ -219,6 +219,8 @@ def test_noise_that_is_stated_ten_times_too_large_is_named(files: Path, tmp_path
     stated = deltaid.calibrate(CLAVEL, points=files / "points.csv", columns=own)
     (doubt,) = stated.doubts
     assert "the stated noise, so intervals are too wide" in doubt
+    done = accepted("calibrate", CLAVEL, "--points", files / "points.csv", "--columns", own)
+    assert f"Doubtful: {doubt}" in done.out
     assert deltaid.calibrate(CLAVEL, points=files / "points.csv").doubts == ()
 
 

@@ -115,8 +115,8 @@ def test_torques_add_to_a_probe_and_what_they_decided_is_said(tmp_path: Path) ->
     rows = both.known.torques
     left = rows.b - rows.A @ [truth[name] for name in both.names]
     assert 0.3 < left @ left / len(left) < 2.5  # in units of their noise
-    done = accepted("calibrate", given["robot"], "--probe", given["probe"], "--torques",
-                    tmp_path / "log.csv", "--lengths", 0.001, "--angles", 0.02)  # fmt: skip
+    files = given["robot"], "--probe", given["probe"], "--torques", tmp_path / "log.csv"
+    done = accepted("calibrate", *files, "--lengths", 1e-3, "--angles", 0.02, "--full")
     assert "log.csv: torques, decide limb1.zero, " in " ".join(done.out.split())
     (row,) = (line for line in done.out.splitlines() if line.startswith("zero, "))
     assert row.split()[-1] == "torques"

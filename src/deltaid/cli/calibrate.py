@@ -1,6 +1,5 @@
 """`deltaid calibrate`: geometry of a Delta from measured poses, and what stays undetermined."""
 
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +10,7 @@ import deltaid
 from deltaid.cli.options import (
     YAML,
     AsJson,
+    Full,
     Report,
     Robot,
     bounded,
@@ -19,17 +19,9 @@ from deltaid.cli.options import (
     require_outputs,
     require_unset,
 )
-from deltaid.cli.output import (
-    SCREEN,
-    console,
-    print_json,
-    print_written,
-    progress,
-    styled,
-    table,
-    write_files,
-)
+from deltaid.cli.output import print_found, print_json, print_written, progress, write_files
 from deltaid.errors import DeltaidError
+from deltaid.model.verdict import FEW
 
 if TYPE_CHECKING:
     from deltaid.calibration.outlook import NextReadings
@@ -126,6 +118,7 @@ def calibrate(
         bounded(help="Largest price of an instrument of --next.", limits=(1e-9, 1e12)),
     ] = None,
     report: Report = None,
+    full: Full = False,
     as_json: AsJson = False,
 ) -> None:
     """Estimate a robot's geometry from measured poses.
@@ -136,7 +129,13 @@ def calibrate(
     """
     from deltaid.exports.firmware import firmware_text
     from deltaid.sensors.planning.offers import shipped_offers
-    from deltaid.view.calibration import next_line, next_table, number_table, session_lines
+    from deltaid.view.calibration import (
+        next_line,
+        next_table,
+        number_table,
+        session_lines,
+        summary,
+    )
 
     configs = {"--klipper": klipper, "--marlin": marlin, "--reprap": reprap}
     files = [*(points or ()), *(probe or ()), *(distances or ()), *(torques or ()), columns, offers]
@@ -168,46 +167,27 @@ def calibrate(
     if as_json:
         print_json(_as_dictionary(result, plans, shop.currency))
         return
-    grade, _, words = result.verdict.partition(":")
-    console.print(styled(f"{grade}:"), words.strip())
-    shown = next_table(result, plans, shop.currency) if plans else number_table(result)
-    first = _wrapped(session_lines(result))
-    said = [next_line(plan, shop.currency) for plan in plans[:1]]
-    said += [f"doubtful: {doubt}" for doubt in result.doubts]
-    said += [
+    said, open_ones = summary(result), len(result.open)
+    print_found(
+        [
+            said.sentence,
+            *session_lines(result),
+            *said.lines[: min(open_ones, FEW)],
+            *said.lines[open_ones:],
+            *(f"Doubtful: {doubt}" for doubt in result.doubts),
+        ],
+        [next_table(result, plans, shop.currency) if plans else number_table(result)],
+        details=said.lines[FEW:open_ones],
+        full=full,
+    )
+    notes = [next_line(plan, shop.currency) for plan in plans[:1]]
+    notes += [
         f"wrote {path}; its model of the printer leaves {1e3 * residual:.2g} mm"
         for path, (_, residual) in texts.items()
     ]
-    if output:
-        said += [f"{output} holds {text}" for text in result.unwritten]
-    last, unseen = _wrapped(said), _wrapped([f"not known: {text}" for text in result.unseen])
-    room = SCREEN - 2 - len(first) - len(shown.rows) - len(last) - len(unseen)
-    for part in (*first, *_open_lines(result, room), *unseen, table(shown), *last):
-        console.print(part)
+    notes += [f"{output} holds {text}" for text in result.unwritten if output]
+    print_found(notes, full=True)
     print_written(output, report)
-
-
-def _wrapped(sentences: "Sequence[str]") -> list[str]:
-    """Lines of terminal width; all lines of a sentence except its first are indented."""
-    return [
-        piece
-        for sentence in sentences
-        for piece in textwrap.wrap(
-            sentence, console.width, subsequent_indent="  ", break_long_words=False,
-            break_on_hyphens=False,
-        )
-    ]  # fmt: skip
-
-
-def _open_lines(result: "deltaid.Calibration", room: int) -> list[str]:
-    """Lines on undetermined combinations, the worst first, as many as fit `room`, at least one."""
-    lines: list[str] = []
-    for k, part in enumerate(result.open):
-        more = _wrapped([f"not known: {part.words}"])
-        if k and len(lines) + len(more) + 1 > room:
-            return [*lines, f"and {len(result.open) - k} more, in --report and --json"]
-        lines += more
-    return lines
 
 
 def _as_dictionary(

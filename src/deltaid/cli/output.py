@@ -39,7 +39,7 @@ _WRAPPED_COLUMNS = (
 # Number of lines of a result on a usual screen, without those that name written files.
 SCREEN = 22
 # Grades that begin a verdict on a model.
-_GRADES = ("Good", "Fair", "Poor", "Untested", "Against the truth")
+_GRADES = ("Good", "Fair", "Doubtful", "Poor", "Untested", "Against the truth")
 # Styles of remarks by their first word; an infeasible motion makes a result worthless.
 _STYLES = {
     "error": "bold red", "warning": "yellow", "not feasible": "bold red", "note": "dim",

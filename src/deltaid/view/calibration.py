@@ -100,7 +100,7 @@ def number_table(calibration: Calibration) -> Table:
 
 
 def calibration_card(calibration: Calibration) -> Card:
-    said, readings = _summary(calibration), sum(x.readings for x in calibration.sessions)
+    said, readings = summary(calibration), sum(x.readings for x in calibration.sessions)
     return Card(
         f"Geometry of {calibration.described.label}",
         (said.sentence, *calibration.doubts),
@@ -117,7 +117,8 @@ def _not_known(calibration: Calibration) -> tuple[str, ...]:
     return (*(direction.words for direction in calibration.open), *calibration.unseen)
 
 
-def _summary(calibration: Calibration) -> Summary:
+def summary(calibration: Calibration) -> Summary:
+    """The verdict, and combinations and mistakes that the readings do not determine."""
     grade, _, said = calibration.verdict.partition(": ")
     return Summary(
         Trust.GOOD if grade == "good" else Trust.FAIR,
@@ -179,7 +180,7 @@ def calibration_page(calibration: Calibration) -> Page:
     return Page(
         title=robot.label,
         subtitle="Geometry from measured poses",
-        verdict=_summary(calibration),
+        verdict=summary(calibration),
         drawing=drawing(robot, calibration.fit.loops.kinematics),
         facts=(
             Fact("position", f"{1e3 * after.position:.2g} mm", "standard deviation"),
