@@ -148,5 +148,15 @@ def test_what_is_good_is_one_line() -> None:
     short, full = run("check", "clavel-delta3"), run("check", "clavel-delta3", "--full")
     assert "friction" not in short.out
     assert re.fullmatch(r"\d+ good\n", short.out)
-    assert full.out.endswith(f"\n{short.out}")
+    assert full.out.startswith(f"{short.out}\n")
     assert full.out.count("good  ") > 4
+
+
+def test_cause_and_fix_stand_below_what_was_detected(tmp_path: Path) -> None:
+    robot = changed_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0})
+    lines = run("check", robot, "--full", terminal=True).out.splitlines()
+    assert lines[0].startswith("1 wrong, ")
+    assert lines[3].startswith("wrong  ")  # below the names of the columns: the most severe first
+    below = [line.strip() for line in lines[4:]]
+    cause = below.index("likely: a mass in grams")
+    assert below[cause + 1].startswith("→ give kilograms and metres")

@@ -243,8 +243,10 @@ def test_foreign_names_below_a_preamble_are_read(tmp_path: Path, units: str) -> 
 def test_the_command_writes_what_a_check_takes(tmp_path: Path) -> None:
     path, mapping = foreign(tmp_path / "axes.csv", angle=""), tmp_path / "columns.yaml"
     asked = ("columns", path, "clavel-delta3", "-o", mapping)
-    found = run(*asked)
+    found = run(*asked, terminal=True)
     assert found.code == 3
+    assert "in doubt: numbers go up to" in found.out
+    assert "\n→ write it (-o columns.yaml), check it" in found.out
     assert "degrees are assumed" in " ".join(found.out.split())
     lines = [line for line in found.out.splitlines() if str(tmp_path) not in line]
     assert max(map(len, lines)) <= 80

@@ -1,14 +1,12 @@
 """`deltaid columns` and `check`: the columns of a recording, and faults of description and
 recording."""
 
-import textwrap
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Column, Table
 
 import deltaid
 from deltaid.cli.options import (
@@ -24,16 +22,17 @@ from deltaid.cli.options import (
     require_outputs,
 )
 from deltaid.cli.output import (
-    WIDEST,
     console,
+    print_found,
     print_json,
+    print_next,
     print_written,
     progress,
     remark,
     styled,
     write_files,
 )
-from deltaid.errors import DeltaidError, visible
+from deltaid.errors import DeltaidError
 from deltaid.model.verdict import File
 
 # Exit codes by the most severe verdict; 1 and 2 have their usual meaning.
@@ -46,7 +45,6 @@ _UNITS = {
     "position": "'360/65536 deg' for 65536 counts a turn, and --gear if there is one",
     "torque": "'0.0235 N*m' for a per mille of 23.5 N m",
 }
-_COLOURS = {"wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green"}
 
 
 def columns(
@@ -134,22 +132,17 @@ def _unit(text: str) -> tuple[str, str]:
 
 
 def _print(proposal: "deltaid.MappingProposal", log: Path) -> None:
-    """Print the verdict, each quantity with its doubts or reasons, and the next step."""
+    """Print the verdict, each quantity with its reasons and doubts, and the next step."""
     parts = [f"{len(proposal.doubts)} in doubt"] * bool(proposal.doubts)
     parts += [f"missing: {', '.join(proposal.missing)}"] * bool(proposal.missing)
-    console.print(styled(f"{log.name}:"), "; ".join(parts) or "certain")
+    lines = [f"{log.name}: {'; '.join(parts) or 'certain'}"]
     for part in proposal.found:
         names = part.columns if len(part.columns) < 3 else (part.columns[0], part.columns[-1])
+        named = (" … " if len(part.columns) > 2 else ", ").join(names)
         unit = part.unit or ", ".join(dict.fromkeys(part.units)) or "unit unknown"
-        console.print()
-        console.print(
-            styled(part.quantity),
-            f"{(' … ' if len(part.columns) > 2 else ', ').join(names)} in {unit}",
-        )
-        _print_line("because", "; ".join(part.reasons))
-        for text in part.open_questions:
-            _print_line("in doubt", text)
-    console.print()
+        lines.append(f"{part.quantity}: {named} in {unit}, {'; '.join(part.reasons)}")
+        lines += [f"  in doubt: {text}" for text in part.open_questions]
+    print_found(lines, full=True)
     units = [text.removeprefix("unit of ") for text in proposal.missing if text.startswith("unit")]
     if units:
         step = f"give the unit: --unit {units[0]}={_UNITS.get(units[0], _UNITS['torque'])}"
@@ -160,15 +153,7 @@ def _print(proposal: "deltaid.MappingProposal", log: Path) -> None:
     else:
         step = "write it (-o columns.yaml), check it, and give it with --columns columns.yaml"
     if proposal.missing or proposal.doubts:
-        _print_line("→", step)
-
-
-def _print_line(mark: str, text: str) -> None:
-    indent = f"  {mark:<9}" if len(mark) > 1 else f"{mark} "
-    width = max(console.width, 40)
-    console.print(
-        textwrap.fill(text, width, initial_indent=indent, subsequent_indent=" " * len(indent))
-    )
+        print_next(step)
 
 
 def check(
@@ -245,10 +230,8 @@ def check(
             }
         )
         raise typer.Exit(EXIT[verdicts.grade])
-    if listed := verdicts if full else verdicts.poor:  # the most severe first
-        console.print(_verdicts_shown(view.by_severity(listed)))
-        console.print()
-    console.print(view.tally(verdicts))
+    listed = verdicts if full else verdicts.poor
+    print_found([view.tally(verdicts)], [view.screen_table(listed)] * bool(listed), full=True)
     for file, changed in lines.items():
         console.print()
         console.print(styled(f"into {file}:"))
@@ -261,20 +244,6 @@ def check(
         console.print("nothing was written: no verdict proposes a line of robot file or mapping")
     print_written(report)
     raise typer.Exit(EXIT[verdicts.grade])
-
-
-def _verdicts_shown(verdicts: "Sequence[deltaid.Verdict]") -> Table:
-    """A table of verdicts, with cause and next step below the finding, whatever the width."""
-    result = Table(
-        Column(no_wrap=True), Column(no_wrap=True), Column(max_width=WIDEST, overflow="fold"),
-        box=None, pad_edge=False, show_header=False,
-    )  # fmt: skip
-    for verdict in verdicts:
-        lines = [verdict.observation, *[f"likely: {verdict.cause}"] * bool(verdict.cause)]
-        lines += [f"→ {verdict.cure}"] * bool(verdict.cure)
-        grade = styled(verdict.grade, _COLOURS[verdict.grade])
-        result.add_row(grade, visible(verdict.key), visible("\n".join(lines)))
-    return result
 
 
 def _cures(

@@ -29,20 +29,22 @@ from deltaid.view.page import Table as Finished
 # Names of columns with text, which are left-aligned.
 _TEXT_COLUMNS = (
     "unit", "from", "robot", "mechanism", "base parameter", "chosen law", "model", "remark", "of",
-    "recording", "why", "may change unnoticed", "entries", "parted by any of",
+    "recording", "check", "detected", "why", "may change unnoticed", "entries", "parted by any of",
 )  # fmt: skip
 # Names of columns that wrap in a narrow terminal.
 _WRAPPED_COLUMNS = (
     "robot", "mechanism", "base parameter", "chosen law", "why", "of", "may change unnoticed",
-    "entries", "parted by any of", "model", "remark",
+    "entries", "parted by any of", "model", "remark", "detected",
 )  # fmt: skip
 # Number of lines of a result on a usual screen, without those that name written files.
 SCREEN = 22
 # Grades that begin a verdict on a model.
 _GRADES = ("Good", "Fair", "Doubtful", "Poor", "Untested", "Against the truth")
-# Styles of remarks by their first word; an infeasible motion makes a result worthless.
+# Styles of remarks by their first word, and of verdicts by their grade; an infeasible motion makes
+# a result worthless.
 _STYLES = {
     "error": "bold red", "warning": "yellow", "not feasible": "bold red", "note": "dim",
+    "wrong": "bold red", "doubtful": "yellow", "cannot tell": "cyan", "good": "green",
 }  # fmt: skip
 
 # Control characters that JSON leaves unescaped.
@@ -251,10 +253,11 @@ def table(finished: Finished) -> Table:
             justify="left" if i == 0 or column in _TEXT_COLUMNS else "right",
             header_style="dim",
             no_wrap=not wrapped,
+            max_width=WIDEST if wrapped else None,
             min_width=widths[i] if whole else max(map(cell_len, words), default=None),
         )
     for row in rows:
-        result.add_row(*row)
+        result.add_row(*(styled(cell, _STYLES.get(cell, "")) for cell in row))
     return result
 
 

@@ -40,6 +40,27 @@ def page_table(verdicts: Sequence[Verdict]) -> Table:
     return table if marked else table.without(_CAUSE)  # good verdicts have no cause
 
 
+def screen_table(verdicts: Sequence[Verdict]) -> Table:
+    """Verdicts, cause and fix below what was detected; the most severe first."""
+    return Table(
+        ("verdict", "check", "detected"),
+        tuple(
+            (
+                verdict.grade,
+                verdict.key,
+                "\n".join(
+                    [
+                        verdict.observation,
+                        *[f"likely: {verdict.cause}"] * bool(verdict.cause),
+                        *[f"→ {verdict.cure}"] * bool(verdict.cure),
+                    ]
+                ),
+            )
+            for verdict in by_severity(verdicts)
+        ),
+    )
+
+
 def short_table(verdicts: Sequence[Verdict]) -> Table:
     """Verdicts that are not good, and all good ones in one row, for the head of a page."""
     poor, good = _parted(verdicts)
