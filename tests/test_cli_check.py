@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 
 import deltaid
@@ -17,6 +18,7 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.model.verdict import Grade, Proposal, Verdict
 from deltaid.recording.opening import open_log
 from deltaid.robot.load import load_robot
+from logs import noisy, recorded, write
 from sessions import ROOT
 
 
@@ -40,7 +42,9 @@ def test_what_is_written_loads_and_is_better(tmp_path: Path) -> None:
     outcome = run("check", robot, "--write", first)
     assert outcome.code == 4
     assert f"wrote {first}" in outcome.out.replace("\n", "")
+    first.write_text(f"# ours\n{first.read_text('utf-8')}", "utf-8")
     assert run("check", first, "--write", second).code == 3  # the friction is left
+    assert second.read_text("utf-8").startswith("# ours\n")
     assert run("check", second).code == 0
     assert load_robot(second).limbs == load_robot("clavel-delta3").limbs
 
@@ -66,7 +70,7 @@ def test_json_has_all_fields(tmp_path: Path) -> None:
 @pytest.mark.parametrize("width", [80, 200])
 def test_lines_to_paste_are_yaml_of_the_whole_list(width: int, tmp_path: Path) -> None:
     outcome = run("check", changed_file(tmp_path, {"bodies.P.prior[0].mass": 1000.0}), width=width)
-    lines = outcome.out.split("into the robot file:\n")[1]
+    lines = outcome.out.split("# into the robot file\n")[1]
     from ruamel.yaml import YAML
 
     pasted = YAML(typ="safe", pure=True).load(lines)
@@ -93,6 +97,7 @@ def test_the_page_of_a_description_that_cannot_be_read_has_no_drawing(tmp_path: 
     page = path.read_text(encoding="utf-8")
     assert "Wrong: one thing to be corrected" in page
     assert "Drawing of the robot" not in page
+    assert "limbs: {strut: 0.8}" in page
 
 
 def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -> None:
@@ -118,6 +123,24 @@ def test_mapping_and_robot_go_into_two_files(tmp_path: Path, monkeypatch: Any) -
     robot = load_robot(tmp_path / "fixed-robot.yaml")
     assert robot.friction["drive1"].coulomb == 6.0
     assert open_log(log, compiled(robot).kinematics, mapping).samples == len(rows.time)
+
+
+def test_recordings_that_share_a_mapping_have_it_corrected(tmp_path: Path) -> None:
+    frame = noisy(recorded(3000)).with_columns(tau2=-pl.col("tau2"))
+    logs = [write(tmp_path / name, frame) for name in ("a.csv", "b.csv")]
+    mapping, other = tmp_path / "columns.yaml", tmp_path / "other.yaml"
+    for path in (mapping, other):
+        path.write_text("# ours\ntorque: {columns: [tau1, tau2, tau3], unit: N m}\n", "utf-8")
+    fixed = tmp_path / "fixed.yaml"
+    given = ("check", "clavel-delta3", *logs, "--write", fixed, "--columns", mapping)
+    apart = run(*given, "--columns", other)
+    assert "check its recording alone" in apart.err
+    assert not fixed.exists()
+    assert run(*given).code == 4
+    assert fixed.read_text("utf-8").startswith("# ours\n")
+    cured = deltaid.check("clavel-delta3", logs, columns=mapping).cured_columns()
+    assert cured.torque == deltaid.load_mapping(fixed).torque
+    assert run("check", "clavel-delta3", *logs, "--columns", fixed).code in (0, 3)
 
 
 # The page.

@@ -10,6 +10,7 @@ import plotly.graph_objects as go
 import polars as pl
 import pytest
 
+from deltaid.checks.verdicts import Verdicts
 from deltaid.dynamics.dynamics import compiled
 from deltaid.model.corrections import Correction
 from deltaid.model.verdict import Grade, Verdict
@@ -20,7 +21,7 @@ from deltaid.robot.body import HollowCylinder
 from deltaid.robot.load import load_robot
 from deltaid.robot.parameter import TURNING
 from deltaid.view.animation import ellipsoid
-from deltaid.view.check import check_page, page_table, short_table
+from deltaid.view.check import page_table, short_table, verdicts_page
 from deltaid.view.comparison import TorqueComparison, compare
 from deltaid.view.corrections import corrected
 from deltaid.view.excitation import excitation_page
@@ -211,7 +212,7 @@ def test_a_check_begins_with_its_verdict(snapshot: Callable[[str], None]) -> Non
         ((CLOCK, CLOCK), "fair"),
         ((GOOD,), "good"),
     ):
-        page = check_page("t", verdicts, (), {})
+        page = verdicts_page(Verdicts(verdicts))
         html = render(page)
         assert page.verdict.sentence in Document(html).texts
         assert f'class="verdict {grade}"' in html

@@ -74,7 +74,7 @@ def check(
         except DescriptionError:
             if (verdict := _in_metres(robot)) is None:
                 raise
-            return Verdicts((verdict,))
+            return Verdicts((verdict,), given=robot)
         sources = as_sources(logs)
         judged = of_robot(description, recorded=bool(sources))
         several, fitting = len(sources) > 1, settings_of(settings, options)
@@ -105,7 +105,7 @@ def check(
         if informations and len(informations) == sum(not record.stands for record in records):
             say("checking what they determine together")
             of_logs += judged_information(compiled(description), merge(informations), strokes)
-        return Verdicts((*judged, *common, *of_logs), description, sources, mappings)
+        return Verdicts((*judged, *common, *of_logs), description, sources, mappings, robot)
 
 
 def _opened(

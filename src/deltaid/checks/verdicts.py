@@ -32,6 +32,8 @@ from deltaid.shown import Reported, Shown, Tabled
 
 Changes = dict[str, object]
 Data = dict[str, Any]
+# Files in words, for the comment above lines to paste.
+_IN_WORDS: dict[File, str] = {"robot": "the robot file", "mapping": "the mapping of columns"}
 
 # All keys of verdicts by subject, in the order of docs/check.md; effects have their own.
 KEYS = {
@@ -65,11 +67,13 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
 
     Attributes:
         robot: the description; None where the file does not describe a robot.
+        given: the robot as it was given, such as a file; None where nothing is known of it.
         sources: the recordings.
         mappings: of their columns, as they were given or found; None for default names.
     """
 
     robot: RobotDescription | None
+    given: RobotLike | None
     sources: tuple[Path | Recording, ...]
     mappings: tuple[ColumnMapping | None, ...]
 
@@ -79,10 +83,12 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         robot: RobotDescription | None = None,
         sources: Sequence[Path | Recording] = (),
         mappings: Sequence[ColumnMapping | None] = (),
+        given: RobotLike | None = None,
     ) -> "Verdicts":
         """Verdicts with their robot, recordings and mappings."""
         new = super().__new__(cls, verdicts)
         new.robot, new.sources, new.mappings = robot, tuple(sources), tuple(mappings)
+        new.given = robot if given is None else given
         return new
 
     @property
@@ -107,12 +113,28 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
     @property
     def cures(self) -> str:
         """Proposed lines for the mapping and the robot file, to read or to paste."""
-        read = {
-            "robot": ("the robot file", lambda: as_written(self._described)),
-            "mapping": ("the mapping of columns", lambda: self._recorded.written_mapping),
-        }
-        files = ((*read[file], changes(self, file)) for file in files_of(self))
-        return "\n".join(f"# into {title}\n{pasted(data(), new)}" for title, data, new in files)
+        return "\n".join(lines for lines, _ in self.cured_files().values())
+
+    def cured_files(self) -> dict[File, tuple[str, str]]:
+        """Lines to paste, and the whole text, of each file that the verdicts propose to change.
+
+        Without the mapping if recordings have different ones.
+
+        Raises:
+            DeltaidError: a file cannot be read any more.
+        """
+        files = dict[File, tuple[str, str]]()
+        for file in files_of(self):
+            wanted = changes(self, file)
+            if file == "robot" and self.given is not None:
+                data, text = as_written(self.given), robot_text(self.given, wanted)
+            elif file == "mapping" and self._share_a_mapping:
+                record = self._recorded
+                data, text = record.written_mapping, mapping_text(record, wanted)
+            else:
+                continue
+            files[file] = f"# into {_IN_WORDS[file]}\n{pasted(data, wanted)}", text
+        return files
 
     def cured_columns(self) -> ColumnMapping:
         """The mapping of columns with all proposals applied, to pass as `columns=`.
@@ -120,7 +142,7 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         Read `cures` first.
 
         Raises:
-            DeltaidError: the verdicts are not on exactly one recording.
+            DeltaidError: there is no recording, or recordings have different mappings.
         """
         text = yaml_text(with_changes(self._recorded.written_mapping, changes(self, "mapping")))
         return parse(text, ColumnMapping, where="cured mapping").known_as("cured mapping")
@@ -147,14 +169,18 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         return self.robot
 
     @property
+    def _share_a_mapping(self) -> bool:
+        return 0 < len(self.mappings) == self.mappings.count(self.mappings[0])
+
+    @property
     def _recorded(self) -> Evidence:
-        if self.robot is None or len(self.sources) != 1:
+        if not self._share_a_mapping:
             raise DeltaidError(
-                f"a mapping is cured with one recording, and there are {len(self.sources)}",
+                f"a mapping is corrected that recordings share, and here are {len(self.sources)}",
                 where="verdicts",
-                cure="ask for the verdicts on each recording by itself",
+                cure="check each recording alone",
             )
-        return evidence(self.robot, self.sources[0], self.mappings[0])
+        return evidence(self._described, self.sources[0], self.mappings[0])
 
 
 def files_of(verdicts: Iterable[Verdict]) -> tuple[File, ...]:
@@ -199,19 +225,18 @@ def robot_text(robot: RobotLike, proposed: Changes) -> str:
     return yaml_text(wanted)
 
 
-def mapping_text(record: Evidence, proposed: Changes, path: Path | None) -> str:
+def mapping_text(record: Evidence, proposed: Changes) -> str:
     """A recording's mapping with proposals applied; all other lines of its file stay.
 
     Args:
         record: the recording with its mapping.
         proposed: values by path.
-        path: of the mapping's file, if any.
 
     Raises:
         DescriptionError: the file cannot be read, or is not YAML.
     """
-    wanted = with_changes(record.written_mapping, proposed)
-    if path is None:
+    wanted, path = with_changes(record.written_mapping, proposed), Path(record.mapping.source)
+    if not path.is_file():
         return yaml_text(wanted)
     return edited(read_text(path), proposed, wanted, str(path))
 

@@ -1,8 +1,6 @@
 """`deltaid columns` and `check`: the columns of a recording, and faults of description and
 recording."""
 
-from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -29,7 +27,6 @@ from deltaid.cli.output import (
     print_written,
     progress,
     remark,
-    styled,
     write_files,
 )
 from deltaid.errors import DeltaidError
@@ -37,7 +34,6 @@ from deltaid.model.verdict import File
 
 # Exit codes by the most severe verdict; 1 and 2 have their usual meaning.
 EXIT = {"good": 0, "cannot tell": 3, "doubtful": 3, "wrong": 4}
-_BELONGS: dict[File, str] = {"robot": "the robot file", "mapping": "the mapping (--columns)"}
 # Last part of a proposed file's name, by file.
 _ENDS: dict[File, str] = {"robot": "robot", "mapping": "columns"}
 # Example units of quantities, for logs that do not state them.
@@ -180,10 +176,9 @@ def check(
 
     Exit code 0: all verdicts are good; 3: one is doubtful or undecided; 4: one is wrong.
     """
-    from deltaid.checks.verdicts import as_written
+    from deltaid.checks.verdicts import as_written, files_of
     from deltaid.recording.mapping import FOUND, as_words
     from deltaid.view import check as view
-    from deltaid.view.html import write_page
 
     # Destination of each file if there are proposals for both.
     logs, targets = logs or [], {
@@ -200,22 +195,20 @@ def check(
         if mapping is not None and mapping.source == FOUND:
             remark("note", f"{log}: {as_words(mapping)}; `deltaid columns {log} {robot}` says why")
     with progress(as_json):
-        cures = _cures(robot, columns or [], logs, verdicts)
-        data = as_written(robot)
-    lines = {_BELONGS[file]: shown for file, (shown, _) in cures.items()}
-    title = str(data.get("title") or data.get("name") or robot)
-    page = partial(view.check_page, title, verdicts, [log.name for log in logs], lines)
-    if write is not None and len(cures) == 1:
-        targets = dict.fromkeys(cures, write)
+        cured = verdicts.cured_files()
+    if "mapping" not in cured and "mapping" in files_of(verdicts):
+        remark("note", "to have a mapping corrected, check its recording alone")
+    if write is not None and len(cured) == 1:
+        targets = dict.fromkeys(cured, write)
     write_files(
-        *((targets.get(file), text) for file, (_, text) in cures.items()),
-        (report, lambda path: write_page(page(verdicts.robot), path)),
+        *((targets.get(file), text) for file, (_, text) in cured.items()),
+        (report, verdicts.report),
     )
     if as_json:
         keys = ("key", "grade", "subject", "seen", "number", "unit", "cause", "cure")
         print_json(
             {
-                "robot": data.get("name"),
+                "robot": as_written(robot).get("name"),
                 "grade": verdicts.grade,
                 "verdicts": [
                     {key: getattr(verdict, key) for key in keys}
@@ -232,43 +225,14 @@ def check(
         raise typer.Exit(EXIT[verdicts.grade])
     listed = verdicts if full else verdicts.poor
     print_found([view.tally(verdicts)], [view.screen_table(listed)] * bool(listed), full=True)
-    for file, changed in lines.items():
+    for lines, _ in cured.values():
         console.print()
-        console.print(styled(f"into {file}:"))
-        console.print(changed)
-    for file in cures if write else ():
+        console.print(lines)
+    for file in cured if write else ():
         with_it = f"give it with --columns {targets[file]}"
         use = "use it in place of the robot" if file == "robot" else with_it
         console.print(f"wrote {targets[file]}; {use}")
-    if write is not None and not cures:
+    if write is not None and not cured:
         console.print("nothing was written: no verdict proposes a line of robot file or mapping")
     print_written(report)
     raise typer.Exit(EXIT[verdicts.grade])
-
-
-def _cures(
-    robot: str, columns: Sequence[Path], logs: Sequence[Path], verdicts: "deltaid.Verdicts"
-) -> dict[File, tuple[str, str]]:
-    """Proposals for each file: changed keys to paste, and the whole text.
-
-    With several mappings only the robot file gets proposals, because the mappings differ.
-    """
-    from deltaid.checks import verdicts as checks
-    from deltaid.checks.evidence import evidence
-
-    cures = dict[File, tuple[str, str]]()
-    for file in checks.files_of(verdicts):
-        wanted = checks.changes(verdicts, file)
-        if file == "robot":
-            data, text = checks.as_written(robot), checks.robot_text(robot, wanted)
-        elif len(columns) > 1:
-            remark("note", "to have a mapping corrected, check its recording alone")
-            continue
-        else:
-            path = columns[0] if columns else None
-            record = evidence(
-                deltaid.load_robot(robot), logs[0], path and deltaid.load_mapping(path)
-            )
-            data, text = record.written_mapping, checks.mapping_text(record, wanted, path)
-        cures[file] = checks.pasted(data, wanted), text
-    return cures

@@ -148,7 +148,7 @@ def mapping_cured(
         DeltaidError: robot, recording or mapping is invalid.
     """
     record = evidence(described(robot), Path(path), load_mapping(mapping) if mapping else None)
-    return mapping_text(record, dict(wanted), Path(mapping) if mapping else None)
+    return mapping_text(record, dict(wanted))
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,13 @@
 """Verdicts of checks: tables for terminal and pages, the page of `deltaid check`, cards."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import polars as pl
 
 from deltaid.checks.verdicts import Verdicts, files_of
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, plural
-from deltaid.model.verdict import Grade, Verdict, worst
-from deltaid.robot.description import RobotDescription
+from deltaid.model.verdict import Grade, Verdict
 from deltaid.view.drawing import drawing
 from deltaid.view.numbers import FEW, in_words
 from deltaid.view.page import Fact, Lines, Page, Section, Summary, Table, Text, Trust
@@ -82,36 +81,24 @@ def tally(verdicts: Sequence[Verdict]) -> str:
     return ", ".join(f"{grades.count(grade)} {grade}" for grade in _ORDER if grade in grades)
 
 
-def check_page(
-    title: str,
-    verdicts: Sequence[Verdict],
-    logs: Sequence[str],
-    lines: Mapping[str, str],
-    robot: RobotDescription | None = None,
-) -> Page:
-    """The page of all verdicts on a robot and its recordings.
-
-    Args:
-        logs: names of the recordings.
-        lines: lines to paste, by the file that they belong to, in words.
-        robot: to be drawn, if its description is valid.
-    """
-    (poor, good), grades = _parted(verdicts), [verdict.grade for verdict in verdicts]
-    grade = worst(verdicts)
+def verdicts_page(value: Verdicts) -> Page:
+    """The page of all verdicts on a robot and its recordings."""
+    (poor, good), grades = _parted(value), [verdict.grade for verdict in value]
     first = page_table(poor) if poor else Text("All that was checked is good.")
-    pasted = tuple(Lines(text, f"Goes into {file}.") for file, text in lines.items())
     sections = (
         Section("To be corrected" if poor else "Verdict", (first,), unfolded=True),
-        Section("Lines to paste", pasted, "the fix, as text", unfolded=True),
+        Section(
+            "Lines to paste", (*map(Lines, _proposed(value)),), "the fix, as text", unfolded=True
+        ),
         Section(
             "Good", (page_table(good),) if good else (), "what was checked and is as it should be"
         ),
     )
     return Page(
-        title=title,
-        subtitle=f"Checked: the description{''.join(f', {log}' for log in logs)}",
-        verdict=_summary(grade, grades.count(grade)),
-        drawing=drawing(robot, compiled(robot).kinematics) if robot else None,
+        title=_title(value),
+        subtitle=f"Checked: the description{''.join(f', {_name(log)}' for log in value.sources)}",
+        verdict=_summary(value.grade, grades.count(value.grade)),
+        drawing=drawing(value.robot, compiled(value.robot).kinematics) if value.robot else None,
         facts=tuple(Fact(grade, str(grades.count(grade))) for grade in _ORDER),
         sections=sections,
     )
@@ -138,10 +125,11 @@ def verdicts_card(value: Verdicts | Verdict) -> Card:
     poor, good = value.poor, _parted(value)[1]
     lines = [f"{verdict.grade}, {verdict.key}: {verdict.finding}" for verdict in poor[:FEW]]
     lines += [f"… and {len(poor) - FEW} more"] * (len(poor) > FEW)
-    more = {"lines that are proposed": _proposed(value), "good": page_table(good) if good else ""}
+    proposed = "\n".join(_proposed(value))
+    more = {"lines that are proposed": proposed, "good": page_table(good) if good else ""}
     cure = {"mapping": ".cured_columns()", "robot": ".cured_robot()"}
     return Card(
-        f"Checked: {', '.join([_title(value, 'the description'), *map(_name, value.sources)])}",
+        f"Checked: {', '.join([_title(value), *map(_name, value.sources)])}",
         (f"{value.grade}: {tally(value)}" if value else "nothing was checked",),
         value.grade if value else "",
         prompt_lines=tuple(lines),
@@ -160,23 +148,17 @@ def verdicts_frame(value: Verdicts) -> pl.DataFrame:
     return pl.DataFrame(rows, schema=schema, orient="row")
 
 
-def verdicts_page(value: Verdicts) -> Page:
-    lines = {"the files that it names": proposed} if (proposed := _proposed(value)) else {}
-    logs = [_name(source) for source in value.sources]
-    return check_page(_title(value, "robot"), value, logs, lines, value.robot)
-
-
-def _title(value: Verdicts, otherwise: str) -> str:
-    return value.robot.label if value.robot else otherwise
+def _title(value: Verdicts) -> str:
+    return value.robot.label if value.robot else str(value.given or "the description")
 
 
 def _name(source: object) -> str:
     return str(source).replace("\\", "/").rpartition("/")[2]
 
 
-def _proposed(value: Verdicts) -> str:
-    """Proposed lines; empty if they cannot be written, for example for several mappings."""
+def _proposed(value: Verdicts) -> list[str]:
+    """Proposed lines for each file; none if a file cannot be read any more."""
     try:
-        return value.cures if files_of(value) else ""
+        return [lines for lines, _ in value.cured_files().values()]
     except DeltaidError:
-        return ""
+        return []
