@@ -14,8 +14,8 @@ from deltaid.checks.evidence import evidence
 from deltaid.checks.identify import _refuse
 from deltaid.checks.information import checked_information
 from deltaid.checks.verdicts import as_written, changes, with_changes
-from deltaid.errors import DescriptionError
-from deltaid.model.verdict import Grade, Verdict, worst
+from deltaid.errors import DescriptionError, RecordingError
+from deltaid.model.verdict import Grade, Proposal, Verdict, worst
 from deltaid.robot.load import catalogue, described_in, load_robot, yaml_text
 from logs import noisy, recorded, tabled, write
 from poor_priors import PLAIN
@@ -268,7 +268,7 @@ def test_identify_refuses_what_is_wrong_in_the_words_of_the_check(tmp_path: Path
     with pytest.raises(deltaid.DeltaidError) as error:
         deltaid.identify(robot, log)
     assert words.seen in str(error.value)
-    assert "bodies.P.prior[1].mass: 1" in str(error.value)
+    assert str(error.value).endswith("mass: 1.0")
     forced = deltaid.identify(robot, log, force=True, settings=PLAIN)
     assert forced.model.warnings[0] == words.sentence
 
@@ -348,6 +348,21 @@ def test_a_refusal_that_proposes_nothing_offers_nothing_to_write() -> None:
     with pytest.raises(DescriptionError) as caught:
         _refuse([wrong], load_robot("clavel-delta3"), False)
     assert "`deltaid check` shows more, --force continues" in str(caught.value)
+
+
+def test_a_refusal_ends_with_the_lines_that_it_proposes() -> None:
+    changed = (
+        Proposal("robot", (("limbs.strut", 0.8),)),
+        Proposal("mapping", (("time.unit", "ms"),)),
+    )
+    wrong = Verdict("limits", Grade.WRONG, "seen", "", "a cause", "a cure", proposals=changed)
+    record = evidence(load_robot("clavel-delta3"), moved("clavel-delta3"))
+    for subject, kind in ((record.robot, DescriptionError), (record, RecordingError)):
+        with pytest.raises(kind) as caught:
+            _refuse([wrong], subject, False)
+        assert "\n# into the robot file\nlimbs: {strut: 0.8}" in str(caught.value)
+        mapping = "\n# into the mapping of columns\ntime: {unit: ms}" in str(caught.value)
+        assert mapping == (subject is record)
 
 
 def test_a_refused_recording_of_several_is_named_once(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from deltaid.checks.proposals import confirmed, not_refuted
 from deltaid.checks.residual import checked_residual, detected_load, load_held_throughout
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
-from deltaid.checks.verdicts import KEYS, Verdicts, changes, files_of, pasted
+from deltaid.checks.verdicts import KEYS, Verdicts
 from deltaid.checks.wiring.wiring import checked_wirings
 from deltaid.checks.wiring.zeros import Shifts
 from deltaid.dynamics.parameters import parameter_layout
@@ -40,7 +40,6 @@ from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import RobotLike, described
 from deltaid.robot.tolerances import BY_EYE, Tolerances
-from deltaid.robot.yaml_edit import place_in_words
 
 # Verdicts on some excluded rows, whose spans the table of masks reports.
 _MASKED = {"standing", "saturation"}
@@ -144,26 +143,21 @@ def _first(record: Evidence, judged: tuple[Verdict, ...], force: bool) -> tuple[
 
 
 def _refuse(verdicts: Iterable[Verdict], subject: RobotDescription | Evidence, force: bool) -> None:
-    """Raise the first wrong verdict as an error with the proposed lines of the mapping or values of
-    the description, unless `force`."""
+    """Raise the first wrong verdict as an error with the lines that it proposes, unless `force`."""
     for verdict in () if force else verdicts:
         if verdict.grade is not Grade.WRONG:
             continue
-        robot = isinstance(subject, RobotDescription)
-        lines, writes = "", " and --write writes what it proposes" if verdict.proposals else ""
-        for file in files_of([verdict]):
-            proposed = changes([verdict], file)
-            if file == "mapping" and not robot:
-                text = pasted(subject.written_mapping, proposed)
-                lines += f"\ninto the mapping (--columns):\n{text}"
-            else:
-                values = [f"\n{place_in_words(path)}: {x}" for path, x in proposed.items()]
-                lines += f"\nin the description:{''.join(values)}"
-        raise (DescriptionError if robot else RecordingError)(
+        if isinstance(subject, RobotDescription):
+            kind, where, wrong = DescriptionError, subject.name, Verdicts([verdict], subject)
+        else:
+            kind, where = RecordingError, str(subject.table.path)
+            wrong = Verdicts([verdict], subject.robot, [subject.source], [subject.mapping])
+        writes = " and --write writes what it proposes" if verdict.proposals else ""
+        raise kind(
             verdict.finding,
-            where=subject.name if robot else str(subject.table.path),
+            where=where,
             cure=f"{verdict.cure}; `deltaid check` shows more{writes}, --force continues anyway"
-            f"{lines}",
+            f"\n{wrong.cures}".rstrip(),
         )
 
 
