@@ -37,7 +37,7 @@ ROBOTS = ("irb360-6-1600", "h4", "par4-linear", "linear-delta")
 COLUMNS, ROWS = 100, 27
 _CELL, _LINE, _TOP = 8.4, 19, 44  # px
 _TYPING, _THINKING, _READING, _END = 1.0, 0.4, 2.6, 2.0  # s
-_WAITING = re.compile("[\u2800-\u28ff] ")  # a wheel that turns while something is computed
+_WAITING = re.compile("[\u2800-\u28ff━] ?")  # what turns or grows while something is computed
 _SOMETHING_WRONG = 4  # exit code of deltaid check
 _STYLE = f"""
 text {{ font: 14px/{_LINE}px ui-monospace, Menlo, Consolas, 'DejaVu Sans Mono', monospace;
@@ -167,17 +167,13 @@ def _span(segment: Segment, column: int) -> str:
 
 
 SESSION = (
-    Shown(
-        "deltaid check demo/robot.yaml log.csv --columns columns.yaml --write mended.yaml",
-        first=5,
-        last=9,
-    ),
+    Shown("deltaid check demo/robot.yaml log.csv --columns columns.yaml --write mended.yaml"),
     Shown(
         "deltaid identify demo/robot.yaml log.csv --columns mended.yaml "
         "--verify other-log.csv -o model.yaml --report report.html"
     ),
     Shown(
-        "deltaid forces model.yaml planned.csv --columns planned.yaml --strut-spacing 0.1", first=10
+        "deltaid forces model.yaml planned.csv --columns planned.yaml --strut-spacing 0.1", first=13
     ),
     Shown("deltaid torque model.yaml planned.csv --columns planned.yaml -o feed-forward.csv"),
 )
