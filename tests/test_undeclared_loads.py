@@ -18,7 +18,7 @@ from deltaid.estimation.drive_rows import DriveRows
 from deltaid.identification.loads import _is_filled, _leaves_more
 from deltaid.identification.setup import Setup
 from deltaid.identification.stages import idle
-from deltaid.identification.study import Study, studied
+from deltaid.identification.study import studied
 from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade
 from deltaid.recording.recording import PreparedRecording
@@ -237,7 +237,7 @@ def test_noise_that_grows_beyond_chance_decides_between_explanations(
 ) -> None:
     """Twice 400 samples: 1.96/√800 is 7 %."""
     before, after = (
-        Mock(spec=Setup, studies=(Mock(spec=Study, fit=Mock(rows=DriveRows(scale, 400))),))
+        Mock(spec=Setup, studies=(Mock(fit=Mock(rows=DriveRows(scale, 400))),))
         for scale in (np.ones(2), np.array(scales))
     )
     assert _leaves_more(after, before if scales else Mock(spec=Setup, studies=())) is more

@@ -251,7 +251,7 @@ def _leaves_more(other: Setup, setup: Setup) -> bool:
     ]
     more = np.concatenate([np.zeros(0), *(np.log(a.scale / b.scale) for a, b in rows)])
     samples = sum(a.scale.size * a.samples for a, _ in rows)
-    return bool(rows) and float(np.mean(more)) > NORMAL / np.sqrt(samples)
+    return samples > 0 and float(np.mean(more)) > NORMAL / float(np.sqrt(samples))
 
 
 def _is_adequate(setup: Setup) -> bool:
