@@ -164,6 +164,12 @@ def test_a_workspace_is_as_wide_as_the_robot_reaches() -> None:
         interview(draft("delta", **larger))
 
 
+def test_a_workspace_is_as_high_as_the_rails_allow() -> None:
+    drafts = (draft("linear-delta", rail_low=0.0, rail_high=end) for end in (1.0, 1.8))
+    short, long = (description(interview(x)).workspace.bounding_box[0, 2] for x in drafts)
+    assert short - long == pytest.approx(0.8)  # both end where the rails do
+
+
 @pytest.mark.parametrize(
     ("text", "unit", "value"),
     [

@@ -11,8 +11,8 @@ from jaxtyping import Float, Int
 from deltaid.estimation.problem import Columns, Rows
 from deltaid.levels import FAINT
 
-# Number of rows whose sums show slow noise, and its largest variance over that of white noise.
-_SLOW, _REDDEST = 8, 30.0
+# Number of rows whose sums show slow noise.
+_SLOW = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +82,7 @@ class NoiseBlock:
         count = len(residual) // _SLOW * _SLOW
         variance = float(np.mean(residual**2))
         slow = np.mean(residual[:count].reshape(-1, _SLOW).sum(axis=1) ** 2) / _SLOW
-        red = np.clip(slow / max(variance, 1e-300), 1.0, _REDDEST)
-        return float(np.sqrt(max(variance * red, 1e-300)))
+        return float(np.sqrt(np.maximum(slow, max(variance, 1e-300))))
 
 
 @dataclass(frozen=True, eq=False)

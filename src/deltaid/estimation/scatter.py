@@ -36,9 +36,6 @@ CHANCE = 1e-3
 NORMAL = 1.959963984540054
 # Standard deviation of a normal distribution over its median magnitude.
 ROBUST = 1.0 / ndtri(0.75)
-# Ratio of a standard deviation to its part by noise from which this part does not matter.
-_HARDLY = 100.0
-
 
 # Columns of a chunk, and its product with itself at each place.
 Visits = tuple[Int[np.ndarray, " _"], Float[np.ndarray, "places _ _"]]
@@ -153,7 +150,7 @@ class Noise:
 
 def half_width(std: Each, by_noise: Each, freedom: Each) -> Each:
     """Half the width of 95 % intervals, by Satterthwaite: only the part by noise is estimated."""
-    smallest = np.maximum(std / _HARDLY, np.finfo(float).tiny)
+    smallest = np.maximum(FAINT * std, np.finfo(float).tiny)
     return quantile(freedom * (std / np.maximum(by_noise, smallest)) ** 4) * std
 
 

@@ -26,9 +26,9 @@ from deltaid.levels import FAINT, LEVEL, ROUNDS
 # Columns of one of several groups, whose numbers differ.
 OfGroup = Float[np.ndarray, "_ _"]
 
-# Range of the scales α of priors: the least for a group that is not needed; the largest, or groups
-# with similar columns would grow against each other.
-_LOW, _HIGH = 1e-2, 3.0
+# Largest scale α of a prior; with a larger one, groups with similar columns would grow against each
+# other.
+_HIGH = 3.0
 # ε, which keeps the scale of a group without effect above zero.
 _PULL = 1e-2
 
@@ -96,7 +96,7 @@ class Shrunk:
             left = variance[group.columns] / (self.alpha[k] * group.deviation) ** 2
             gamma = max(len(left) - float(left.sum()), 0.0)
             alpha[k] = np.sqrt((u @ u + _PULL) / (gamma + 1.0))
-        return np.clip(alpha, _LOW, _HIGH)
+        return np.minimum(alpha, _HIGH)
 
     @property
     def _noise(self) -> Float[np.ndarray, " blocks"]:

@@ -17,8 +17,8 @@ from deltaid.studio.drafting.questions import LINEAR
 # struts' length; ratio of consecutive radii; directions and levels of checked points; largest use
 # of limits.
 _TALL, _LARGEST, _SMALLEST, _STEP, _AROUND, _LEVELS, _SHARE = 0.7, 0.8, 0.03, 0.94, 24, 5, 0.97
-# Growth of the cylinder's height per step, as a share of the struts' length; number of steps.
-_GROWN, _GROWTHS = 0.05, 60
+# Growth of the cylinder's height per step, as a share of the struts' length.
+_GROWN = 0.05
 # Shifts of the cylinder's middle from the first guess, as shares of the struts' length.
 _SHIFTS = (0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.25, 0.3)
 # Angles of the arms below horizontal that are tried [deg]; factor by which struts must exceed the
@@ -111,11 +111,9 @@ def _cylinder(middle: float, radius: float) -> Cylinder:
 def _taller(at_rest: AtRest, space: Cylinder, step: float) -> Cylinder:
     """The highest cylinder of the same radius: rails reach farther than arms."""
     for down, up in ((step, 0.0), (0.0, step)):
-        for _ in range(_GROWTHS):
-            grown = space.changed(z=(space.z[0] - down, space.z[1] + up))
-            if grown.z[1] >= 0 or not _holds(at_rest, grown):
-                break
-            space = grown
+        grown = space
+        while grown.z[1] < 0 and _holds(at_rest, grown):
+            space, grown = grown, grown.changed(z=(grown.z[0] - down, grown.z[1] + up))
     return space
 
 
