@@ -135,7 +135,7 @@ def test_a_range_counts_what_consistency_costs_the_best_of_all() -> None:
     one = np.eye(1)
     block = Block(np.zeros((1, 1), dtype=int), one, one)
     rows, right = np.array([[1.0], [1.0]]), np.array([-6.0, 0.0])  # R = √2, R u_best = b
-    ends = ConsistentBall(rows, right, [block], np.ones(1), 1e-9).ends(np.ones(1), NORMAL)
+    ends = ConsistentBall(rows, right, [block], np.ones(1)).ends(np.ones(1), NORMAL)
     reach = np.hypot(2 * np.sqrt(2), 1.959964) / np.sqrt(2)
     np.testing.assert_allclose(ends, [-1.0, -3.0 + reach], rtol=1e-5)
 

@@ -13,9 +13,10 @@ from jaxtyping import Float, Int
 from deltaid.effects.point import EffectCandidate
 from deltaid.estimation.problem import Columns, Explanation, Rows, Span, independent, lengths
 from deltaid.estimation.scatter import surprise
+from deltaid.levels import NEVER
 
-# A candidate is detected where chance explains as much once in 10^6 recordings; in decades.
-DETECTED = 6.0
+# Surprise of what chance never explains [decades]: from it, a candidate is detected.
+DETECTED = -float(np.log10(NEVER))
 # Share of the best candidate's gain from which a preferred one takes its place.
 _NEARLY = 0.9
 # Number of best candidates whose scatter is computed, and of candidates that are taken at most.

@@ -193,14 +193,15 @@ def interior_point(
     A: Float[np.ndarray, "rows n"],
     b: Float[np.ndarray, " rows"],
     cones: list[object],
-    tolerance: float,
+    tolerance: float | None = None,
     squares: Vector | None = None,
 ) -> clarabel.DefaultSolution:
     """Clarabel's minimum of ½ uᵀ diag(squares) u + qᵀu where b − A u is in the cones, with one
-    tolerance for gap and feasibility; linear without squares."""
+    tolerance for gap and feasibility, or Clarabel's own; linear without squares."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    if tolerance is not None:
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     P = sparse.csc_matrix((len(q), len(q))) if squares is None else sparse.diags(squares)
     problem = P.tocsc(), q, sparse.csc_matrix(A), b, cones, settings
     return clarabel.DefaultSolver(*problem).solve()

@@ -30,9 +30,8 @@ class ConsistentBall:
         b: Float[np.ndarray, " rows"],
         blocks: Sequence[Block],
         scale: Vector,
-        tolerance: float,
     ) -> None:
-        size, self._tolerance = np.linalg.norm(R, axis=0), tolerance
+        size = np.linalg.norm(R, axis=0)
         scale = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), scale)
         U, S, Vt = np.linalg.svd(R * scale)
         self.rank = rank = int(np.sum(S / S[0] > NEGLIGIBLE))
@@ -70,7 +69,7 @@ class ConsistentBall:
     ) -> clarabel.DefaultSolution:
         right = self._right.copy()
         right[0] = radius
-        return interior_point(cost, rows, right, list(self._cones), self._tolerance)
+        return interior_point(cost, rows, right, list(self._cones))
 
     def _cone(
         self, block: Block, determined: Bool[np.ndarray, " n"]

@@ -33,7 +33,7 @@ _SURE = 1e9
 # Significance level of a test: its probability of rejecting a true hypothesis.
 CHANCE = 1e-3
 # Half width of a 95 % interval in known standard deviations: `quantile` of ∞.
-NORMAL = 1.959963984540054
+NORMAL = float(ndtri(0.975))
 # Standard deviation of a normal distribution over its median magnitude.
 ROBUST = 1.0 / ndtri(0.75)
 

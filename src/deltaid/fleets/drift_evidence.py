@@ -31,6 +31,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy import constants
 from scipy.linalg import inv
 from scipy.special import logsumexp, stdtr
 
@@ -46,7 +47,7 @@ RAMP, STEP = 2.5, 6.0
 # and the share of ramps that are steep: drives seldom fail within weeks.
 STEEP, SELDOM = 25.0, 0.1
 # Lengths of a week, a year and a month on average [days].
-WEEK, YEAR = 7.0, 365.25
+WEEK, YEAR = constants.week / constants.day, constants.Julian_year / constants.day
 MONTH = YEAR / 12
 # Number of recordings below which σ has no prior, and a change may begin with any of them.
 FEWEST = 12

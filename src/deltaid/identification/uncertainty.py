@@ -18,10 +18,8 @@ from deltaid.model.parameter_record import Share
 
 # Share of the variance by priors that named other parameters must make up, two of them at most.
 _NAMED = 0.7
-# Tolerance of the solver for gap and feasibility.
-_TOLERANCE = 1e-8
 # Share by which a range is extended at both ends: where cones touch the ball, its ends are as
-# accurate as the root of the tolerance.
+# accurate as the root of the solver's tolerance.
 _ACCURACY = 1e-3
 # Share of t at which noise and geometry are negligible.
 _VANISHED = 1e-2
@@ -167,7 +165,7 @@ class ConsistentRanges:
         self._white = max(self._noise.sigma, NOISE_FLOOR)
         rows = np.sqrt(information.mean_samples) / self._white
         blocks, scale = self._reduction.blocks, self._reduction.scale
-        self._ball = ball = ConsistentBall(rows * data.R, rows * data.b, blocks, scale, _TOLERANCE)
+        self._ball = ball = ConsistentBall(rows * data.R, rows * data.b, blocks, scale)
         combination = base.combination() @ self._reduction.A
         self._scores = self._noise.root @ combination @ ball.map[:, : ball.rank]
         self._shifts = self._noise.root @ problem.geometry.shifts

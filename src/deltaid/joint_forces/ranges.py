@@ -42,8 +42,6 @@ from deltaid.recording.recording import open_recordings
 _DETERMINED = np.sqrt(np.finfo(float).eps)
 # Share of an open force's variance from which an unknown is named.
 _NAMED = 0.05
-# Solver tolerance, relative to values in standard deviations: half of the digits.
-_TOLERANCE = float(np.sqrt(np.finfo(float).eps))
 Coefficients = Float[np.ndarray, " parameters"]
 
 
@@ -177,7 +175,7 @@ class Ranges:
         # over x = prior + size u, as the blocks are
         R = rows[:, :-1] / unknown.size
         b, c_x = rows[:, -1] + R @ unknown.prior, c_u / unknown.size
-        ball = ConsistentBall(R, b, unknown.blocks, unknown.size, _TOLERANCE)
+        ball = ConsistentBall(R, b, unknown.blocks, unknown.size)
         low, high = ball.ends(c_x, NORMAL) + constant - c_x @ unknown.prior
         if not np.isfinite(high - low):
             raise IdentificationError(

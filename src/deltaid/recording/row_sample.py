@@ -13,7 +13,7 @@ from jaxtyping import Float, UInt64
 # Numbers kept of a recording, of whose excerpt of a hundredth they keep ten; and in a file.
 _KEPT, _IN_FILE = 1024, 16
 # Hexadecimal digits of a number.
-_DIGITS = 16
+_DIGITS = 2 * np.dtype(np.uint64).itemsize
 # Odd multiplier and shift of a multiplicative hash (Steele et al. 2014, splitmix64).
 _ODD, _SHIFT = 0xBF58476D1CE4E5B9, np.uint64(31)
 
