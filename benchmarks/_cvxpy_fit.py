@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.estimation.information import Information
-from deltaid.estimation.reduction import INTERIOR
 from deltaid.estimation.scatter import inverse
+from deltaid.levels import FAINT
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
 
@@ -102,8 +102,8 @@ class CvxpyFit:
         constraints: list[cp.Constraint] = []
         if metric == "euclidean":
             terms.append(cp.sum_squares(self._pull @ u))
-            constraints += [A >> INTERIOR * np.eye(A.shape[0]) for A in self._matrices(u)]
-            constraints.append(1 + u[self._coefficients] >= INTERIOR)
+            constraints += [A >> FAINT * np.eye(A.shape[0]) for A in self._matrices(u)]
+            constraints.append(1 + u[self._coefficients] >= FAINT)
         else:
             terms += self._entropic(u)
         problem = cp.Problem(cp.Minimize(cp.sum(cp.hstack(terms))), constraints)

@@ -15,7 +15,8 @@ from deltaid.estimation.information import Information, active_columns, gather_s
 from deltaid.estimation.log_cholesky import LogCholesky, LogCholeskyMap, Unconstrained
 from deltaid.estimation.objective import METRICS, Objective, data_term, default_gamma, noise_level
 from deltaid.estimation.objective import regularizer as prior_term
-from deltaid.estimation.reduction import INTERIOR, build_reduction
+from deltaid.estimation.reduction import build_reduction
+from deltaid.levels import FAINT
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import consistency, pseudo_inertia
@@ -59,7 +60,7 @@ def test_log_cholesky_of_a_free_body_is_equation_14(pi: list[float]) -> None:
     at = [k for k, v in enumerate(chart.reduction.variables) if v.owner == "EE"]
     full = chart.pi(chart.reduction.prior)
     full[at] = pi
-    x = chart.x(full) - INTERIOR * chart.reduction.prior
+    x = chart.x(full) - FAINT * chart.reduction.prior
     a, t1, t2, t3, d1, d2, d3, s12, s23, s13 = pi
     e1, e2, e3 = np.exp([d1, d2, d3])
     p = np.exp(2 * a) * np.array([
@@ -206,7 +207,7 @@ def test_a_binding_cone_is_respected_and_certified() -> None:
     quadratic = conic._stacked(objective)
     unconstrained = np.linalg.solve(quadratic.R, quadratic.b)
     blocks = (block.normalised_at(unconstrained) for block in reduction.blocks)
-    assert min(np.linalg.eigvalsh(block)[0] for block in blocks) <= INTERIOR
+    assert min(np.linalg.eigvalsh(block)[0] for block in blocks) <= FAINT
     best = Conic().solve(objective)
     assert objective.value(unconstrained) < best.objective
     assert best.duality_gap <= 1e-5 * best.objective

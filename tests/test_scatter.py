@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.stats import binom
 
 from deltaid.estimation.information import Information, merge
-from deltaid.estimation.scatter import Noise, Scatter, half_width, inverse, observe
+from deltaid.estimation.scatter import NORMAL, Noise, Scatter, half_width, inverse, observe
 from deltaid.identification.gathering import Gathered
 from interval_coverage import ROBOTS, covered, covered_by_white_formula, estimates, wandering
 
@@ -120,9 +120,10 @@ def test_groups_are_weighed_drive_by_drive() -> None:
 
 
 def test_intervals_take_students_t_of_the_part_that_is_estimated() -> None:
-    std, by_noise, freedom = np.array([2.0, 2.0]), np.array([2.0, 1.0]), np.array([4.0, 4.0])
-    expected = 2.0 * stats.t.ppf(0.975, [4.0, 4.0 * 2.0**4])
+    std, by_noise, freedom = np.full(3, 2.0), np.array([2.0, 1.0, 0.0]), np.full(3, 4.0)
+    expected = 2.0 * stats.t.ppf(0.975, [4.0, 4.0 * 2.0**4, np.inf])
     np.testing.assert_allclose(half_width(std, by_noise, freedom), expected)
+    assert pytest.approx(expected[2]) == 2.0 * NORMAL
 
 
 SEEDS = 100

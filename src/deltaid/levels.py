@@ -23,7 +23,7 @@ LIKELY, SURE, CERTAIN, STRONG = 2.0, 3.0, 5.0, 6.0
 # Probabilities below which chance is ruled out: for one test, and for very many.
 UNLIKELY, NEVER = 0.01, 1e-6
 # Shares of a value: a smaller part is negligible, for no recording or description is more accurate;
-# and a value with a smaller uncertainty counts as exact.
+# and a value with a smaller error or uncertainty counts as exact.
 HARDLY, EXACT = 1e-3, 1e-4
 # Factor on a described or usual prior width from which a prior has no effect; a value farther from
 # its prior than this is no plausible one.

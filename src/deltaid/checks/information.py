@@ -22,9 +22,10 @@ from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import IdentificationError, KinematicsError, few
 from deltaid.estimation.base_parameters import base_parameters
-from deltaid.estimation.information import NOISE_FLOOR, Information, gather_samples, merge
+from deltaid.estimation.information import Information, gather_samples, merge
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.gathering import gather_all
+from deltaid.levels import FAINT
 from deltaid.model.verdict import FEW, Fault, Grade, Verdict, listed
 from deltaid.motion.random_motion import INSTANTS, random_motion
 from deltaid.motion.surrogate import SensorNoise
@@ -121,7 +122,7 @@ def _assess(
     for i, (samples, largest) in enumerate(zip(recorded.samples, recorded.torque_max, strict=True)):
         if samples and largest:
             rms = np.linalg.norm(recorded.problem_of(i).residual) / np.sqrt(samples)
-            noise[i] = max(float(rms), NOISE_FLOOR * largest)
+            noise[i] = max(float(rms), FAINT * largest)
     samples = np.where(recorded.samples > 0, recorded.samples, recorded.mean_samples)
 
     def factor(gathered: Information) -> Float[np.ndarray, "rows base"]:

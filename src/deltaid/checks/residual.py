@@ -25,6 +25,7 @@ from deltaid.estimation.spectra import bandwidth, density
 from deltaid.identification.loads import load_change
 from deltaid.identification.study import ADEQUATE, Study, longest, rest_of_each_drive, unexplained
 from deltaid.identification.whole_loads import ExcessMass
+from deltaid.levels import EXACT
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.recording import PreparedRecording
 
@@ -52,8 +53,6 @@ _RINGS = Fault(
     "excite less near it and take a --cutoff below it; inspect for play and loose screws, or lower "
     "the gain of the control loop",
 )
-# Residual as a share of a drive's largest torque that no measured torque falls below.
-_EXACT = 1e-4
 _REST = Fault(
     "residual",
     "%",
@@ -204,7 +203,7 @@ def _computed(study: Study) -> Verdict | None:
     left = study.fit.rows.of_drives(study.account.left)
     largest, moves = np.abs(model).max(axis=1), model.any(axis=1)
     shares = np.sqrt(np.mean(left**2, axis=1)) / np.where(moves, largest, 1.0)
-    exact = moves & (shares < _EXACT)
+    exact = moves & (shares < EXACT)
     if not exact.any():
         return None
     subject = "" if np.array_equal(exact, moves) else listed(drives[exact].tolist())

@@ -27,7 +27,8 @@ from scipy.linalg import solve_triangular
 from deltaid.errors import IdentificationError
 from deltaid.estimation.log_cholesky import LogCholesky
 from deltaid.estimation.objective import Objective, Quadratic, Solution, Solver, Vector
-from deltaid.estimation.reduction import INTERIOR, Affine, Block
+from deltaid.estimation.reduction import Affine, Block
+from deltaid.levels import FAINT
 from deltaid.model.options import Method
 
 
@@ -51,7 +52,7 @@ class Conic:
         if objective.regularizer.spectral is None and np.all(np.diag(quadratic.R) != 0):
             x = solve_triangular(quadratic.R, quadratic.b)
             blocks = (block.normalised_at(x) for block in objective.reduction.blocks)
-            if all(np.linalg.eigvalsh(block)[0] > INTERIOR for block in blocks):
+            if all(np.linalg.eigvalsh(block)[0] > FAINT for block in blocks):
                 value = objective.value(x)
                 return Solution(x, value, value, 0, "interior optimum")
         return _Program(objective, quadratic, self).solve()
@@ -92,7 +93,7 @@ class _Program:
         if spectral is None:
             for block in objective.reduction.blocks:
                 variables, constant, slopes = self._affine(block)
-                self._require_psd(constant - INTERIOR * np.eye(len(constant)), variables, slopes)
+                self._require_psd(constant - FAINT * np.eye(len(constant)), variables, slopes)
         else:
             for block, weight in zip(spectral.blocks, spectral.weights, strict=True):
                 self._add_entropy(block, weight)

@@ -11,12 +11,12 @@ from scipy.linalg import null_space
 
 from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.additions import Addition, extended
-from deltaid.estimation.information import NOISE_FLOOR, OfDrives, active_columns
+from deltaid.estimation.information import OfDrives, active_columns
 from deltaid.estimation.objective import regularizer
 from deltaid.estimation.problem import Columns, LinearProblem, Rows, Span, lengths
 from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.traces import Trace
-from deltaid.levels import NEGLIGIBLE
+from deltaid.levels import FAINT, NEGLIGIBLE
 
 # Number of stretches of a recording whose scatter gives intervals: many, but each much longer than
 # the filter's memory.
@@ -46,7 +46,7 @@ class DriveRows:
             active = columns[:, np.any(columns != 0, axis=0)]
             active = active / lengths(active)
             residual = right - active @ np.linalg.lstsq(active, right, rcond=NEGLIGIBLE)[0]
-            floor = NOISE_FLOOR * max(float(np.abs(right).max()), np.finfo(float).tiny)
+            floor = FAINT * max(float(np.abs(right).max()), np.finfo(float).tiny)
             noise.append(max(float(np.sqrt(np.mean(residual**2))), floor))
         return cls(np.array(noise), b.shape[1])
 

@@ -19,8 +19,6 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.errors import IdentificationError
 from deltaid.estimation.problem import LinearProblem
 
-# Least noise of torques, as a share of the largest one.
-NOISE_FLOOR = 1e-6
 # Entries of a matrix that is factored at once, so that it stays in the cache.
 _PANEL = 60_000
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from deltaid.errors import IdentificationError
 from deltaid.estimation.objective import Matrix, Objective, Solution, Vector
-from deltaid.estimation.reduction import INTERIOR, Reduction
+from deltaid.estimation.reduction import Reduction
 from deltaid.levels import FAINT
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
 from deltaid.robot.parameter import PriorParameter
@@ -110,7 +110,7 @@ class LogCholeskyMap:
                 x[k] = value
         for k, variable in self._coefficients():
             x[k] = variable.scale * pi[k] if variable.signed else ca.exp(pi[k])
-        x += INTERIOR * ca.DM(reduction.prior)
+        x += FAINT * ca.DM(reduction.prior)
         outputs = x, ca.jacobian(x, pi), ca.hessian(ca.dot(weights, x), pi)[0]
         self._function = ca.Function("map", [pi, weights], [ca.densify(e) for e in outputs])
 
@@ -125,7 +125,7 @@ class LogCholeskyMap:
     def pi(self, x: Vector) -> Vector:
         """π(x), by Cholesky factorisation; an IdentificationError where x is not consistent."""
         reduction, pi = self.reduction, np.empty(len(x))
-        inner = x - INTERIOR * reduction.prior
+        inner = x - FAINT * reduction.prior
         p = reduction.A @ inner + reduction.p_0
         for body in reduction.layout.bodies:
             for k, value in self._body_coordinates(body, p).items():

@@ -14,8 +14,9 @@ from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout, inertia_scale
 from deltaid.errors import IdentificationError
-from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
+from deltaid.estimation.information import Information, triangle
 from deltaid.estimation.reduction import Block, Reduction
+from deltaid.levels import FAINT
 from deltaid.model.options import RegularizerName
 from deltaid.model.record import Settings
 
@@ -278,5 +279,5 @@ def default_gamma(information: Information, prior_spread: float) -> float:
     """γ_p by maximum a posteriori, γ_p/γ_τ = σ̂² / (s · spread²): minimising (15) with it maximises
     the posterior probability for torque noise of standard deviation σ̂ τ_max, estimated from the
     data, and a prior whose relative standard deviation is `prior_spread`."""
-    sigma = max(noise_level(information), NOISE_FLOOR)
+    sigma = max(noise_level(information), FAINT)
     return sigma**2 / (information.mean_samples * prior_spread**2)

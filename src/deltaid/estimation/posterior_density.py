@@ -38,8 +38,9 @@ from deltaid.estimation.objective import (
     prior_root,
     regularizer,
 )
-from deltaid.estimation.reduction import INTERIOR, Reduction, build_reduction
+from deltaid.estimation.reduction import Reduction, build_reduction
 from deltaid.estimation.scatter import inverse
+from deltaid.levels import FAINT
 from deltaid.model.parameter_record import PosteriorRecord
 from deltaid.model.record import IdentifiedModel
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, pseudo_inertia
@@ -82,7 +83,7 @@ class Cones:
         """The fit's blocks for x = mean + root·y, each relative to its prior; coefficients with an
         upper bound have a second block."""
         blocks = [
-            (variables, fixed - INTERIOR * np.eye(len(fixed)), per_variable)
+            (variables, fixed - FAINT * np.eye(len(fixed)), per_variable)
             for variables, fixed, per_variable in (block.normalised for block in reduction.blocks)
         ]
         for k, variable in enumerate(reduction.variables):

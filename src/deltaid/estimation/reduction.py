@@ -5,6 +5,8 @@ and rotor inertias, p = A x + p_0. x is physically consistent if every block M_b
 positive definite. A block is a principal submatrix of a body's M̄ with connected entries, or a
 coefficient that must be positive. Diagonal entries that are neither free nor in any torque belong
 to no block: they can be as large as needed, and are completed afterwards.
+
+All solvers search {M̄ ≻ ε M̄_prior}, so that results are strictly consistent; ε is `levels.FAINT`.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -33,9 +35,6 @@ from deltaid.robot.inertia import (
 )
 from deltaid.robot.parameter import PRIOR_SPREAD, ParameterKind, PriorParameter
 
-# ε: all solvers search {M̄ ≻ ε M̄_prior}. Far below any accuracy and far above rounding, so that
-# results are strictly consistent.
-INTERIOR = 1e-6
 # Share by which a completed mass or moment exceeds the least that keeps its body consistent.
 _COMPLETION_MARGIN = 0.05
 

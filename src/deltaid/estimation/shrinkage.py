@@ -18,7 +18,6 @@ from scipy.linalg import cho_solve, solve_triangular
 from scipy.linalg.lapack import dtrtri
 
 from deltaid.estimation.causes import CauseColumns, NoiseBlock, WeightedBlocks
-from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.problem import Columns, Rows, group_sums
 from deltaid.estimation.scatter import scaled_cholesky, surprise
 from deltaid.levels import FAINT, LEVEL, ROUNDS
@@ -101,7 +100,7 @@ class Shrunk:
     @property
     def _noise(self) -> Float[np.ndarray, " blocks"]:
         noise = [block.noise(self.residual(block)) for block in self.blocks]
-        return np.maximum(noise, [NOISE_FLOOR * block.largest for block in self.blocks])
+        return np.maximum(noise, [FAINT * block.largest for block in self.blocks])
 
     @property
     def noise_spread(self) -> float:

@@ -12,11 +12,10 @@ import numpy as np
 
 from deltaid.effects.joint import ONE_WAY
 from deltaid.effects.unexplained import FreeTorque
-from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.scatter import NORMAL, inverse, quantile
 from deltaid.identification.fit import CURE, FittedProblem, against_motion, contradiction
 from deltaid.identification.study import ADEQUATE, FAR
-from deltaid.levels import WIDER
+from deltaid.levels import FAINT, WIDER
 from deltaid.model.corrections import Inseparable
 from deltaid.sensors.weighings import weighings
 
@@ -55,7 +54,7 @@ def doubts(problem: FittedProblem) -> tuple[str, ...]:
 
 def _misfit(problem: FittedProblem, measured: Sequence[str]) -> Iterator[str]:
     """Torques that no consistent parameters explain."""
-    noise = max(problem.noise, NOISE_FLOOR)
+    noise = max(problem.noise, FAINT)
     rows = problem.information.rows / problem.information.mean_samples
     rms = np.sqrt(problem.objective.data.evaluate(problem.solution.x)[0] / rows)
     if rms <= max(FAR * noise, ADEQUATE):

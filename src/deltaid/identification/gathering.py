@@ -14,7 +14,6 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.estimation.additions import Addition, Extended, extended
 from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.information import (
-    NOISE_FLOOR,
     Chunk,
     Condensed,
     Information,
@@ -27,7 +26,7 @@ from deltaid.estimation.information import (
 from deltaid.estimation.objective import noise_level
 from deltaid.estimation.scatter import PlaceSums, Sums, Visits
 from deltaid.identification.measured_rows import FilteredRows, MeasuredRows
-from deltaid.levels import ROUNDS, SETTLED
+from deltaid.levels import FAINT, ROUNDS, SETTLED
 from deltaid.progress import Progress
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import Window
@@ -196,7 +195,7 @@ def balanced(gathered: Gathered, weighings: Sequence[Weighing]) -> Gathered:
     information = gathered.information
     if not (information.channels or weighings):
         return gathered
-    sigma = max(noise_level(information), NOISE_FLOOR)
+    sigma = max(noise_level(information), FAINT)
     rows = [
         sigma / fact.std * np.append(fact.over(information.columns), fact.value)
         for fact in weighings
@@ -218,7 +217,7 @@ def _levels(information: Information, sigma: float) -> Float[np.ndarray, " chann
         leverage = now.factors[:, :, :-1] @ now.problem.inverse
         freedom = np.sum(leverage**2, axis=(1, 2)) * now.weights
         rms = residual / np.sqrt(np.maximum(now.samples - freedom, 1.0))
-        before, levels = levels, np.maximum(rms[channels], NOISE_FLOOR * largest) / sigma
+        before, levels = levels, np.maximum(rms[channels], FAINT * largest) / sigma
         if np.allclose(levels, before, rtol=SETTLED, atol=0):
             break
     return levels

@@ -21,13 +21,12 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
 from deltaid.dynamics.parameters import inertia_size, stated_spreads
-from deltaid.estimation.information import NOISE_FLOOR
 from deltaid.estimation.objective import Matrix, prior_scale
 from deltaid.estimation.scatter import NORMAL, correlations, inverse, scaled_cholesky
 from deltaid.identification.doubts import ambiguous
 from deltaid.identification.fit import FittedProblem
 from deltaid.identification.uncertainty import ConsistentRanges, Uncertainty, uncertainty
-from deltaid.levels import HARDLY, NEGLIGIBLE, ROUNDING
+from deltaid.levels import FAINT, HARDLY, NEGLIGIBLE, ROUNDING
 from deltaid.model.parameter_record import BaseParameter, Origin, Parameter, PosteriorRecord, Share
 from deltaid.robot.inertia import MOMENTS_OF_INERTIA
 from deltaid.robot.parameter import ADDED
@@ -217,7 +216,7 @@ class _Judge:
 def posterior_record(problem: FittedProblem) -> PosteriorRecord:
     problem = problem.with_own_friction
     reduction, base, n = problem.reduction, problem.base, len(problem.p)
-    sigma = max(problem.noise, NOISE_FLOOR)
+    sigma = max(problem.noise, FAINT)
     spread = sigma / float(np.sqrt(problem.information.mean_samples * problem.objective.gamma))
     scale, K = prior_scale(reduction), base.combination()
     extra = K[:, n:] * (spread * scale[n:])
@@ -247,12 +246,12 @@ def base_covariance(problem: FittedProblem) -> Matrix:
     """Covariance of the base parameters' errors, with the deviations of their intervals."""
     noise, shifts = problem.estimate.noise, problem.geometry.shifts
     of_geometry = np.sum(shifts**2, axis=1)
-    white = NOISE_FLOOR * np.linalg.norm(inverse(noise.root), axis=1)
+    white = FAINT * np.linalg.norm(inverse(noise.root), axis=1)
     variances = np.maximum((problem.estimate.interval / NORMAL) ** 2 - of_geometry, white**2)
     # Noise has its own level along each singular vector.
     size = np.linalg.norm(noise.root, axis=0)
     U, S, Vt = np.linalg.svd(noise.root / size)
-    level = np.maximum(noise.deviations(U)[0], max(noise.sigma, NOISE_FLOOR))
+    level = np.maximum(noise.deviations(U)[0], max(noise.sigma, FAINT))
     half = Vt.T * (level / S) / size[:, None]
     return with_variances(half @ half.T, variances) + shifts @ shifts.T
 

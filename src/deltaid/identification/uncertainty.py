@@ -9,11 +9,12 @@ from jaxtyping import Bool, Float
 from scipy.linalg import solve_triangular
 
 from deltaid.estimation.base_parameters import BaseParameters
-from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
+from deltaid.estimation.information import Information, triangle
 from deltaid.estimation.objective import Vector, prior_root, prior_scale
 from deltaid.estimation.ranges import ConsistentBall
 from deltaid.estimation.scatter import Combinations, Each, Noise, half_width, inverse, quantile
 from deltaid.identification.fit import FittedProblem
+from deltaid.levels import FAINT
 from deltaid.model.parameter_record import Share
 
 # Share of the variance by priors that named other parameters must make up, two of them at most.
@@ -102,7 +103,7 @@ def uncertainty(
     without priors. Errors as of `prior_root`.
     """
     objective, reduction, noise = problem.objective, problem.reduction, problem.estimate.noise
-    samples, sigma = problem.information.mean_samples, max(problem.noise, NOISE_FLOOR)
+    samples, sigma = problem.information.mean_samples, max(problem.noise, FAINT)
     unit = sigma * np.sqrt(2.0 / (samples * objective.gamma))
     _, _, hessian = objective.regularizer.evaluate(reduction.prior)
     scale = np.sqrt(np.diag(hessian))
@@ -162,7 +163,7 @@ class ConsistentRanges:
         data, base, information = problem.objective.data, problem.base, problem.information
         self._reduction, self._noise = problem.reduction, problem.estimate.noise
         self._sources = Sources(information, base, self._noise)
-        self._white = max(self._noise.sigma, NOISE_FLOOR)
+        self._white = max(self._noise.sigma, FAINT)
         rows = np.sqrt(information.mean_samples) / self._white
         blocks, scale = self._reduction.blocks, self._reduction.scale
         self._ball = ball = ConsistentBall(rows * data.R, rows * data.b, blocks, scale)

@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.errors import DescriptionError, IdentificationError, RecordingError
 from deltaid.estimation.base_parameters import BaseParameters, base_parameters
-from deltaid.estimation.information import NOISE_FLOOR, Information, triangle
+from deltaid.estimation.information import Information, triangle
 from deltaid.estimation.ranges import ConsistentBall
 from deltaid.estimation.scatter import NORMAL, half_width
 from deltaid.identification.gathering import gather_balanced
@@ -33,6 +33,7 @@ from deltaid.identification.geometric_rows import Geometry, geometry
 from deltaid.identification.least_squares import BaseEstimate, estimate_base
 from deltaid.identification.loads import as_identified
 from deltaid.joint_forces.unknowns import ForceUnknowns, unknowns
+from deltaid.levels import FAINT
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.recording.mapping import ColumnMappings
 from deltaid.recording.memory import RecordingLike
@@ -157,7 +158,7 @@ class Ranges:
 
     def __init__(self, given: ForceEvidence, known: Determinacy, p: Parameters) -> None:
         self._noise, self._known, self._p = given.estimate.noise, known, p
-        self._shifts, self._white = given.geometry.shifts, max(self._noise.sigma, NOISE_FLOOR)
+        self._shifts, self._white = given.geometry.shifts, max(self._noise.sigma, FAINT)
         information, unknown, at = given.information, known.unknowns, given.information.columns
         problem = information.problem.substituted(unknown.A[at], unknown.p_0[at])
         self._data = triangle(np.column_stack([problem.A, problem.b]))
@@ -197,7 +198,7 @@ class Ranges:
             return self._white
         by_noise, nu = self._noise.deviations(U)
         std = np.hypot(by_noise, np.linalg.norm(U.T @ self._noise.root @ self._shifts, axis=1))
-        return max(float(half_width(std, by_noise, nu)[0]) / (NORMAL * size), NOISE_FLOOR)
+        return max(float(half_width(std, by_noise, nu)[0]) / (NORMAL * size), FAINT)
 
     @cached_property
     def _scores(self) -> Float[np.ndarray, "base n"]:

@@ -12,6 +12,7 @@ from deltaid.identification.identify import Identification
 from deltaid.identification.prediction import Compared, misfit, remarks
 from deltaid.identification.sources import repeated
 from deltaid.identification.torque_error import TorqueError
+from deltaid.levels import EXACT
 from deltaid.model.model import Model, load
 from deltaid.model.record import Fit, IdentifiedModel
 from deltaid.view.corrections import corrected
@@ -151,10 +152,6 @@ def _count(count: int, thing: str) -> str:
     return f"{in_words(count)} {plural(thing, count)}"
 
 
-# Largest gap to the certified bound of an optimal fit, as a share of J.
-_ROUNDING = 1e-4
-
-
 def provenance_section(model: Model, title: str) -> Section:
     """Sources, fit and settings of a model; at the prior, sources of the description."""
     known, sources = model.identified, tuple(model.robot.sources.items())
@@ -227,8 +224,8 @@ def certificate(fit: Fit) -> tuple[str, str]:
     if fit.duality_gap is None:
         return "not certified", "this regulariser is not convex"
     gap = fit.duality_gap / fit.objective if fit.objective else 0.0
-    if gap < _ROUNDING:
-        return "certified", "no consistent model fits better by 0.01 %"
+    if gap < EXACT:
+        return "certified", f"no consistent model fits better by {percent(EXACT)}"
     return f"within {percent(gap)}", "of the best fit that is possible"
 
 
