@@ -26,6 +26,7 @@ from deltaid.recording.memory import RecordingLike, as_source
 from deltaid.recording.opening import resolved_table
 from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.recording.source import LogTable
+from deltaid.recording.survey_checks import ENCODER_NOISE
 from deltaid.recording.table import read_batches, recut
 from deltaid.recording.time.grid import usual_step
 from deltaid.recording.units import SI_UNITS
@@ -54,8 +55,6 @@ _MOST = 1 << 18
 _OVERFLOWS = np.finfo(float).max ** 0.25
 # Ratio to the described quantity from which a quantity is wrong.
 WRONG_SCALE = 4.0
-# Range below which a drive stands still [rad or m], above the noise of encoders.
-_STILL = 1e-3
 # Correlation with the expected signal below which a column holds another signal.
 UNRELATED = 0.2
 
@@ -126,7 +125,7 @@ class Evidence:
     @cached_property
     def stands(self) -> bool:
         """Whether no drive moves in these rows."""
-        return len(self.rows.q) > 1 and float(self.moved.max()) < _STILL
+        return len(self.rows.q) > 1 and float(self.moved.max()) < ENCODER_NOISE
 
     @cached_property
     def are_counts(self) -> bool:

@@ -43,9 +43,10 @@ _TEXT = {
     "its sign, {spans} times. All drives' are excluded there",
 }
 # Time excluded before and after an outlier [s]; longest gap within a contact [s].
-_BESIDE, _ONE = 4e-3, 0.02
-# Longest event [s]; events that fill half of a window of this length are none either.
-_LONGEST = 1.0
+_BESIDE, LONGEST_GAP = 4e-3, 0.02
+# Longest contact or other event [s]; events that fill half of a window of this length are none
+# either.
+LONGEST_EVENT = 1.0
 # Share of a recording from which outliers are no events.
 _MOST = 0.2
 # Share of a jolt's outlier that motion above the low-pass explains, at least; and the share of a
@@ -137,7 +138,7 @@ def events(expected: Expectation) -> tuple[LeftSpan, ...]:
     spread = 0.5 / low_pass.motion_cutoff  # half a period to either side of a jump
     lasting = [run for run in outliers.stretches if not _is_friction(run, expected)]
     remaining, spoilt = without_recurring(outliers, lasting, low_pass, margin + spread)
-    course = JoinedStretches(_ONE)
+    course = JoinedStretches(LONGEST_GAP)
     course.join(remaining)
     pushes = _brief(course.reaching, duration)
     jolts = [push for push in pushes if push.sharp > _SHARP]
@@ -193,9 +194,9 @@ def _brief(stretches: Sequence[OutlierStretch], duration: float) -> list[Outlier
     sums = np.append(0.0, np.cumsum(length))
     if sums[-1] > _MOST * duration:
         return []
-    about = sums[np.searchsorted(middle, middle + 0.5 * _LONGEST, side="right")]
-    about -= sums[np.searchsorted(middle, middle - 0.5 * _LONGEST, side="left")]
-    kept = (length <= _LONGEST) & (about <= np.maximum(0.5 * _LONGEST, length))
+    about = sums[np.searchsorted(middle, middle + 0.5 * LONGEST_EVENT, side="right")]
+    about -= sums[np.searchsorted(middle, middle - 0.5 * LONGEST_EVENT, side="left")]
+    kept = (length <= LONGEST_EVENT) & (about <= np.maximum(0.5 * LONGEST_EVENT, length))
     return [stretch for stretch, good in zip(stretches, kept, strict=True) if good]
 
 

@@ -18,6 +18,7 @@ from functools import reduce
 import casadi as ca
 import numpy as np
 
+from deltaid.identification.events import LONGEST_EVENT
 from deltaid.model.model import Model
 from deltaid.online.contact import ContactResidual, contact, threshold
 from deltaid.online.estimates import CycleEstimates, estimates, friction_bounds, give_friction
@@ -81,9 +82,6 @@ def step_graph(
 _HANGS_ON = 0.02
 # Deviation of the moments of an unsignalled load, as a share of the largest.
 _ASIDE = 0.2
-# Longest push [s]. During a push, and while filters remember it, nothing is learnt; a residual that
-# lasts longer is a model error, which estimates absorb.
-LONGEST = 1.0
 # Ratio of squared residuals to their variance that is tolerated before the variance is enlarged;
 # memory of decreasing residuals, and of the noise of speeds while drives move [s].
 _TOLERATED, _MEMORY = 2.0, 10.0
@@ -98,7 +96,11 @@ def standard_parts(model: Model) -> tuple[MorePart, ...]:
 
 
 def contact_of(cycle: Cycle) -> None:
-    """The part of a cycle that detects contacts."""
+    """The part of a cycle that detects contacts.
+
+    During a push, and while filters remember it, nothing is learnt; a residual that lasts longer
+    than any push is a model error, which estimates absorb.
+    """
     s, settings, robot, fields = cycle.signals, cycle.settings, cycle.model.robot, cycle.fields
     since, rests, excess, _ = fields.keep(
         Field("contact_time", 1, "since a contact began, 0 without", "s"),
@@ -114,8 +116,8 @@ def contact_of(cycle: Cycle) -> None:
         every(s.settled, ca.logic_or(s.calm, since > 0)),
     )
     seen = contact(residual, touched, u, judged)
-    lasts = ca.if_else(seen.detected > 0.5, ca.fmin(since + settings.period, LONGEST), 0.0)
-    pushed = ca.logic_and(seen.detected > 0.5, lasts < LONGEST)
+    lasts = ca.if_else(seen.detected > 0.5, ca.fmin(since + settings.period, LONGEST_EVENT), 0.0)
+    pushed = ca.logic_and(seen.detected > 0.5, lasts < LONGEST_EVENT)
     pauses = ca.if_else(
         pushed, 2 * SETTLED / settings.corner, ca.fmax(rests - settings.period, 0.0)
     )

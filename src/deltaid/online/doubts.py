@@ -8,11 +8,11 @@ import numpy as np
 
 from deltaid.checks.signal import CLIPPED
 from deltaid.errors import Doubt
+from deltaid.identification.events import LONGEST_EVENT
 from deltaid.levels import SURE
 from deltaid.model.model import Model
 from deltaid.model.verdict import listed, percent
 from deltaid.online.columns import judged_lag
-from deltaid.online.cycle import LONGEST
 from deltaid.online.events import Touch, WeighedLoad
 from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.replay import Replay
@@ -148,7 +148,7 @@ def _of_motion(replay: Replay, settings: OnlineSettings) -> Iterator[Doubt]:
 
 def _of_contacts(run: RunEvidence, touches: Sequence[Touch]) -> Iterator[Doubt]:
     share = run.touched / max(run.touched + run.untouched, 1e-9)
-    if share > _ALWAYS and run.touched > LONGEST:
+    if share > _ALWAYS and run.touched > LONGEST_EVENT:
         yield Doubt(
             f"torques are beyond what the model may lack for {percent(share)} of the time, which "
             "is no contact: the model and this recording do not belong together",

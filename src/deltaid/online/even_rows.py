@@ -23,18 +23,16 @@ from deltaid.model.model import Model
 from deltaid.online.graph import CycleFields, Field, chosen, every
 from deltaid.online.instant import UNKNOWN
 from deltaid.online.settings import MOST_STALE, OnlineKnowledge, OnlineSettings
+from deltaid.recording.masks.stuck import NO_TORQUE
+from deltaid.recording.survey_checks import ENCODER_NOISE
 
-# Impossible torques, in units of a drive's largest, and longest time of skipped rows [s].
-_BEYOND, _LONGEST_SKIP = 10.0, 0.02
+# Longest time of skipped rows [s].
+_LONGEST_SKIP = 0.02
 
 
 # Rows over which the share of repeats is averaged: above `MOST_STALE` nothing changes, and repeated
 # rows are new.
 _ROWS = 20
-
-
-# Least jump of an impossible position, above the steps of coarse encoders [rad or m].
-_COARSE = 1e-3
 
 
 # Time constant in which the drift between the clocks of stamps and cycles is forgotten [s].
@@ -140,8 +138,8 @@ def _bounds(
     """Bounds of possible rows: reported torque of each drive, and deviation of its position from
     the extrapolated one."""
     efforts = [model.robot.limits_of(drive).effort or 0.0 for drive in model.robot.drives]
-    bound = _BEYOND * np.maximum(known.largest, efforts)
+    bound = NO_TORQUE * np.maximum(known.largest, efforts)
     q = model.dynamics.kinematics.inverse(np.array(model.home))
     M = model.dynamics.terms(q, np.zeros_like(q), model.p).M
     jump = np.abs(np.linalg.inv(M)) @ bound * settings.period**2
-    return bound / np.abs(model.gains), np.maximum(jump, _COARSE)
+    return bound / np.abs(model.gains), np.maximum(jump, ENCODER_NOISE)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.estimation.scatter import NORMAL
+from deltaid.identification.events import LONGEST_GAP
 from deltaid.online.online import Online, OnlineEstimate
 from deltaid.online.settings import SOON
 from deltaid.robot.description import RobotDescription
@@ -16,8 +17,6 @@ _SHOWN = 0.25
 # Delay of detection of a change without a gripper's signal [s]: a load is reported as estimated
 # before it, and a load that is held for less is a step towards another load.
 _DELAY = 0.05
-# Contacts with a smaller gap [s] count as one.
-_APART = 0.02
 
 Times = Float[np.ndarray, " rows"]
 
@@ -174,7 +173,7 @@ class Touches:
         out = estimate.outputs
         for k in np.flatnonzero(out["contact"][:, 0] > 0.5):
             instant, size = float(time[k]), float(out["contact_size"][k, 0])
-            if self._votes is None or instant - self._end > _APART:
+            if self._votes is None or instant - self._end > LONGEST_GAP:
                 self.close()
                 self._start, self._votes = instant, np.zeros(len(self._drives) + 1)
             self._end = instant

@@ -43,8 +43,8 @@ STRETCH = 0.02
 _TOGETHER, _APART = 0.9, 0.3
 # Range of ratios of scales that count as equal.
 _SCALE = (0.8, 1.25)
-# Rms of Δq below which a drive counts as resting [rad, rad/s].
-_SLIGHT = 1e-3
+# Largest motion that noise and steps of coarse encoders imitate [rad or m].
+ENCODER_NOISE = 1e-3
 # Longer units of time per second; spreadsheets write dates in days.
 PER_SECOND_LONGER = {"min": 1 / 60, "3600 s": 1 / 3600, "86400 s": 1 / 86400}
 # Factors between SI units and units that are easily confused with them.
@@ -91,7 +91,7 @@ class DerivativeCheck:
             RecordingError: a rate correlates with its column, but has another scale or sign.
         """
         for (name, rate_name), (xx, vv, xv) in zip(self._names, self._sums.T, strict=True):
-            if xx <= _SLIGHT**2 * self._stretches or vv == 0:
+            if xx <= ENCODER_NOISE**2 * self._stretches or vv == 0:
                 continue
             together, scale = xv**2 / (xx * vv), xv / xx
             if together < _APART:

@@ -26,8 +26,8 @@ from deltaid.recording.masks.masks import NONE, Mask, Runs, as_runs, joined, run
 _NEXT_TO, _OFTEN = 4, 8
 # Fewest equal samples at an extreme.
 _EQUAL = 4
-# An extreme that is so many times the next torque is none: a channel's end lies next to others.
-_BEYOND = 10.0
+# A torque that is so many times all others is none: a channel's end lies next to others.
+NO_TORQUE = 10.0
 # Largest ratio of repetitions to changes of the torque away from its extremes.
 _STAYS = 0.25
 # Least extreme at the end of a channel, as a share of the largest torque.
@@ -84,7 +84,7 @@ class Extreme:
         which `other` is at the other end."""
         (top, count), *others = self._levels.items()
         largest = max(abs(other), *(abs(level) for level, _ in others), 0.0)
-        return count >= _EQUAL and abs(top) > _BEYOND * largest > 0
+        return count >= _EQUAL and abs(top) > NO_TORQUE * largest > 0
 
     @property
     def first_row(self) -> int:
