@@ -20,7 +20,14 @@ from jax.typing import ArrayLike
 
 from deltaid.errors import KinematicsError
 from deltaid.kernel.llvm_ir import LIBM_BINARY, LIBM_UNARY, operation_name, steps_of
-from deltaid.mechanism.forward import AT_THE_END, CLOSED, COARSE, ON_THE_WAY, OTHER_MODE
+from deltaid.mechanism.forward import (
+    AT_THE_END,
+    CLOSED,
+    CLOSED_SINGLE,
+    COARSE,
+    ON_THE_WAY,
+    OTHER_MODE,
+)
 from deltaid.mechanism.mechanism import ClosedForm, Mechanism
 
 Operation = Callable[..., jax.Array]
@@ -125,10 +132,6 @@ def as_jax(inputs: Sequence[ca.SX], output: ca.SX) -> Callable[..., jax.Array]:
     return function
 
 
-# Largest residual of closed loops in single precision, in units of its rounding.
-_ROUNDINGS = 100.0
-
-
 def forward_kinematics(mechanism: Mechanism, home: np.ndarray) -> Operation:
     """z(q); NaN if a loop does not close or a limb is in its other working mode."""
     form = mechanism.forward
@@ -178,9 +181,8 @@ def _by_newton(mechanism: Mechanism, home: np.ndarray) -> Operation:
         if mechanism.period is not None:
             z = z.at[3].add(-(mechanism.period * jnp.round((z[3] - home[3]) / mechanism.period)))
         out = check(z, q)
-        good = jnp.all(
-            jnp.abs(out[:n]) < max(CLOSED, _ROUNDINGS * float(jnp.finfo(q.dtype).eps))
-        ) & (sign * out[n] > 0)
+        closed = CLOSED if q.dtype == jnp.float64 else CLOSED_SINGLE
+        good = jnp.all(jnp.abs(out[:n]) < closed) & (sign * out[n] > 0)
         return jnp.where(good & jnp.all(out[n + 1 :] > -OTHER_MODE), z, jnp.nan)
 
     return find

@@ -12,6 +12,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from deltaid.mechanism.forward import CLOSED, CLOSED_SINGLE, OTHER_MODE
+
 _PLAIN = {
     "²": "^2", "³": "^3", "·": " ", "−": "-", "–": "-", "⁻": "^-", "¹": "1", "×": "x", "√": "sqrt ",
     "α": "alpha", "β": "beta", "ψ": "psi", "Λ": "Lambda", "Σ": "sum ", "τ": "tau", "ρ": "rho",
@@ -112,10 +114,10 @@ class Precision:
         return f"({text})" if text.startswith("-") else text
 
 
-# Distances in double precision are those of mechanism.forward. A float has 24 bits: coordinates of
-# a metre are known to 1e-7 m, and sums of a few of their squares to 1e-6 m².
-DOUBLE = Precision("double", "LREAL", "", 1e-12, 1e-9, 1e-9, 1e-150)
-SINGLE = Precision("float", "REAL", "f", 1e-5, 1e-5, 1e-6, 1e-18)
+# A float has 24 bits: coordinates of a metre are known to 1e-7 m, and sums of a few of their
+# squares to 1e-6 m².
+DOUBLE = Precision("double", "LREAL", "", CLOSED, OTHER_MODE, 1e-9, 1e-150)
+SINGLE = Precision("float", "REAL", "f", CLOSED_SINGLE, 1e-5, 1e-6, 1e-18)
 
 
 _FILES = Environment(

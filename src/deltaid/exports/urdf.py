@@ -31,14 +31,15 @@ from deltaid.exports.tree import ZERO, I, Tree, TreeBody, TreeJoint, X, spanning
 from deltaid.model.model import Model
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import RigidBody
+from deltaid.robot.part import LONGEST
 from deltaid.sensors.weighings import roll_pitch_yaw
 
 # Mass [kg], above the 1e-6 kg that Gazebo drops, and moments about the centre of mass [kg m²] of
 # links without mass in the model.
 PLACEHOLDER = (2e-6, 1e-10)
-# URDF requires limits of sliding joints; those of passive ones exceed any robot: position [m],
-# force [N], speed [m/s].
-_FAR, _STRONG, _FAST = 1e2, 1e6, 1e3
+# URDF requires limits of sliding joints; those of passive ones exceed any robot: force [N], speed
+# [m/s], and its longest length.
+_STRONG, _FAST = 1e6, 1e3
 
 
 def urdf(subject: Model) -> Export:
@@ -142,7 +143,7 @@ def _limit(robot: RobotDescription, joint: TreeJoint) -> dict[str, float]:
     if joint.name not in robot.drives and not joint.slides:
         return {}
     limits = robot.limits_of(joint.name)
-    low, high = limits.range or (-_FAR, _FAR)
+    low, high = limits.range or (-LONGEST, LONGEST)
     if joint.name == "slide" and robot.telescope is not None and robot.telescope.stroke:
         low, high = robot.telescope.stroke
     most = {"effort": limits.effort or _STRONG, "velocity": limits.top_speed or _FAST}

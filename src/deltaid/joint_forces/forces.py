@@ -26,6 +26,7 @@ from deltaid.recording.plan_doubts import smoothed_away, unknown_ends
 from deltaid.recording.planned import motion_of, planned
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import SampleBlock
+from deltaid.robot.part import SHORTEST
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 
@@ -119,9 +120,8 @@ def worst_cases(forces: ConstraintForces, extreme: Extremes) -> tuple[Worst, ...
     return (*cases, *(extreme.worst(x, "load", x) for x in loads if not x.endswith(".drive")))
 
 
-# Least spacing of struts [m], whose length is the upper limit; limits of spring forces [N], wide
-# enough for any robot.
-_NEAREST, _SPRINGS = 1e-6, (1e-6, 1e7)
+# Limits of spring forces [N], wide enough for any robot.
+_SPRINGS = (1e-6, 1e7)
 
 _WITHOUT_LOADS = Doubt(
     "forces are those without the loads that the mapping declares",
@@ -282,5 +282,5 @@ def with_struts(model: ModelLike, spacing: float | None, socket_force: float | N
             where="limbs",
             cure="leave --strut-spacing and --socket-force out, or set limbs.struts_per_limb to 2",
         )
-    positive("--strut-spacing", spacing, (_NEAREST, float(np.min(limbs.strut))))
+    positive("--strut-spacing", spacing, (SHORTEST, float(np.min(limbs.strut))))
     return replace(model, robot=model.robot.changed(limbs=limbs.changed(**given)))

@@ -41,6 +41,8 @@ _HANDED_ON = 4
 # Residual [m, rad] below which the loops are closed, and distance to the edge of its reach within
 # which a limb is stretched: far above rounding, far below any length.
 CLOSED = 1e-12
+# The same in single precision, whose rounding leaves about 1e-6 of coordinates of a metre.
+CLOSED_SINGLE = 1e-5
 # A limb is in its other working mode where its mode margin [m] is below minus this; closer to the
 # stretched, singular pose rounding decides the sign.
 OTHER_MODE = 1e-9

@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from deltaid.errors import DeltaidError
 from deltaid.identification.sources import delays_of
+from deltaid.mechanism.forward import CLOSED_SINGLE
 from deltaid.mechanism.mechanism import Mechanism
 from deltaid.model.model import Model
 from deltaid.online.graph import CycleFields, Field, Layout, chosen, only_if
@@ -165,8 +166,6 @@ def instant(
 
 # Newton steps per cycle: each squares the distance, and a robot moves a few millimetres per cycle.
 _STEPS = 2
-# Largest gap of closed loops [m, rad]; rounding to single precision leaves about 1e-6.
-_CLOSED = 1e-5
 
 
 def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -184,4 +183,4 @@ def pose(mechanism: Mechanism, near: ca.SX, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     for _ in range(_STEPS):
         z = move(z, q)
     gap, modes = ca.Function("check", [m.z, m.q_symbols], [m.closure, m.modes])(z, q)
-    return z, ca.logic_and(ca.sum1(ca.fabs(gap)) < _CLOSED, ca.mmin(modes) > 0)
+    return z, ca.logic_and(ca.sum1(ca.fabs(gap)) < CLOSED_SINGLE, ca.mmin(modes) > 0)

@@ -25,14 +25,14 @@ from deltaid.recording.time.grid import FASTEST, FEWEST, usual_step
 from deltaid.recording.time.signals import GAP
 from deltaid.recording.units import MOST_WRONG, SI_UNITS
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.part import LARGEST
+from deltaid.robot.part import LARGEST, LONGEST, TOP_SPEED
 
 # Factor by which a recording may exceed a described limit.
 FACTOR = 100.0
 # Largest magnitudes of turning and of sliding drives [SI units].
 _HIGHEST: dict[Quantity, tuple[float, float]] = {
-    "position": (1e5, 100.0),
-    "velocity": (1e3, 300.0),
+    "position": (1e5, LONGEST),
+    "velocity": (1e3, TOP_SPEED),
     "acceleration": (1e6, 1e6),
     "torque": (1e6, 1e7),
 }

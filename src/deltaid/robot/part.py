@@ -143,9 +143,9 @@ def _tree(value: Any) -> Value:
 LARGEST = 1e12
 _SMALLEST = 1.0 / LARGEST
 # Bounds beyond any such robot, which detect wrong units.
-_LONGEST, _SHORTEST = 100.0, 1e-6  # lengths [m]
+LONGEST, SHORTEST = 100.0, 1e-6  # lengths [m]
 _HEAVIEST, _LIGHTEST = 1e6, 1e-9  # masses [kg]
-_FASTEST = 300.0  # speeds [m/s]
+TOP_SPEED = 300.0  # speeds [m/s]
 _QUICKEST = 5e3  # accelerations [m/s²]
 _STRONGEST = 100.0  # gravity [m/s²]
 # Default limits of a tool's speed [°/s] and acceleration [°/s²].
@@ -197,7 +197,7 @@ def schema_limits(**limits: Any) -> Any:
     return Field(json_schema_extra=limits)
 
 
-_LENGTH = limited(_SHORTEST, _LONGEST, "{:g} m cannot be; lengths are in metres")
+_LENGTH = limited(SHORTEST, LONGEST, "{:g} m cannot be; lengths are in metres")
 
 Positive = Annotated[
     float,
@@ -207,13 +207,13 @@ Positive = Annotated[
 ]
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Coordinate = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Length = Annotated[float, Field(gt=0), _LENGTH, schema_limits(minimum=_SHORTEST, maximum=_LONGEST)]
+Length = Annotated[float, Field(gt=0), _LENGTH, schema_limits(minimum=SHORTEST, maximum=LONGEST)]
 # A length that may be zero.
 Radius = Annotated[
     float,
     Field(ge=0),
     _LENGTH,
-    schema_limits(maximum=_LONGEST, anyOf=[{"const": 0}, {"minimum": _SHORTEST}]),
+    schema_limits(maximum=LONGEST, anyOf=[{"const": 0}, {"minimum": SHORTEST}]),
 ]
 Mass = Annotated[
     float,
@@ -223,13 +223,13 @@ Mass = Annotated[
 ]
 Position = Annotated[
     float,
-    limited(-_LONGEST, _LONGEST, "{:g} m cannot be; positions are in metres"),
-    schema_limits(minimum=-_LONGEST, maximum=_LONGEST),
+    limited(-LONGEST, LONGEST, "{:g} m cannot be; positions are in metres"),
+    schema_limits(minimum=-LONGEST, maximum=LONGEST),
 ]
 Speed = Annotated[
     Positive,
-    limited(0.0, _FASTEST, "{:g} m/s cannot be; speeds are in metres per second"),
-    schema_limits(minimum=_SMALLEST, maximum=_FASTEST),
+    limited(0.0, TOP_SPEED, "{:g} m/s cannot be; speeds are in metres per second"),
+    schema_limits(minimum=_SMALLEST, maximum=TOP_SPEED),
 ]
 Acceleration = Annotated[
     Positive,
