@@ -32,15 +32,16 @@ from deltaid.calibration.rows import (
 from deltaid.calibration.unknowns import Unknowns
 from deltaid.errors import IdentificationError, KinematicsError
 from deltaid.estimation.scatter import ROBUST
+from deltaid.identification.study import FAR
 from deltaid.levels import CERTAIN, FAINT, ROUNDS
 from deltaid.model.verdict import percent
 from deltaid.sensors.planning.knowledge import Knowledge
 
 # Share up to which outliers, unmodelled torque, a misfit or the remaining error count as small.
 LITTLE = 0.2
-# Noise above this multiple of the stated one, together with residuals above this multiple of what
-# the description's uncertainty explains, means another robot or instrument.
-GROWN, _BEYOND = 2.0, 3.0
+# Noise above this multiple of the stated one, together with residuals far above what the
+# description's uncertainty explains, means another robot or instrument.
+GROWN = 2.0
 _CURE = (
     "check that the description is of this robot, units, columns, the drives' zeros, and that the "
     "instrument stood still; or state how far its numbers may be off with --lengths and --angles"
@@ -263,7 +264,7 @@ def _with_predicted(solution: GeometryFit) -> GeometryFit:
         solution = solution.again(readings, grown[-1])
     for part in solution.readings:
         before = float(np.median(np.linalg.norm(part.used_slopes[:, : len(solution.u)], axis=1)))
-        if part.grown > GROWN and part.rms > _BEYOND * before:
+        if part.grown > GROWN and part.rms > FAR * before:
             raise part.misfit(
                 f"{part.instrument.readings} misfit every geometry near the described one by "
                 f"{1e3 * part.rms * part.noise:.3g} mm"

@@ -34,13 +34,11 @@ from deltaid.estimation.drive_rows import STRETCHES, DriveRows, of_own_drives, s
 from deltaid.estimation.problem import Columns, Rows, lengths
 from deltaid.estimation.scatter import CHANCE
 from deltaid.estimation.traces import Trace
+from deltaid.identification.gains import SPREAD
 from deltaid.identification.study import rigid_fit, studied_trace
 from deltaid.levels import HARDLY, WIDER
 from deltaid.model.verdict import Grade, Verdict
 
-# Prior deviation of what a column explains, as a share of the torques, for corrections, such as a
-# torque constant; columns of the robot cancel each other.
-_CORRECTED = 0.1
 _NO_CHANGE = (
     "no change of the files explains this: with the lines that would correct it, errors of torques "
     "that were held out do not fall"
@@ -136,8 +134,9 @@ class _Halves:
         """
         robot, *others = np.split(np.arange(self.columns.shape[1]), self.ends)
         used = np.concatenate([robot, *(others[cause] for cause in causes)])
-        # Rows have a noise of one, and a column's coefficient is the length of what it explains.
-        prior = np.where(used < len(robot), WIDER, _CORRECTED) * np.linalg.norm(self.b)
+        # Rows have a noise of one, and a column's coefficient is the length of what it explains. A
+        # correction explains as much as a torque constant does; columns of the robot cancel.
+        prior = np.where(used < len(robot), WIDER, SPREAD) * np.linalg.norm(self.b)
         A, residual, odd = self.columns[:, used], np.empty_like(self.b), self.rows.groups % 2 == 1
         for half in (odd, ~odd):
             H = A[half].T @ A[half] + np.diag(prior**-2.0)

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.estimation.drive_rows import ColumnsOfDrives, of_own_drives
 from deltaid.estimation.scatter import ROBUST
 from deltaid.identification.expectation_source import (
+    SHARE,
     ExplainedRecording,
     Nuisance,
     Torques,
@@ -38,9 +39,8 @@ _CONVEX, _SWEEPS, _HUBER, _TUKEY = 6, 20, 1.345, 6.0
 _START, _LEAST = 0.1, 0.05
 # Quantile of the torques and speeds of a drive that is its usual one.
 _LARGE = 0.9
-# Widths of priors: in their standard deviations, at least so that they make this share of the
-# usual torque.
-_PRIOR, _EFFECT = 4.0, 0.1
+# Width of a robot's priors, in their standard deviations.
+_PRIOR = 4.0
 # Number of ranges of speed with separate scatter, and fewest blocks in one.
 _SPEEDS, _FEWEST = 8, 4
 
@@ -195,7 +195,7 @@ def _fitted(b: _Blocks, source: ExplainedRecording) -> tuple[np.ndarray, np.ndar
     prior = np.array([parameter.prior for parameter in source.parameters])
     spread = _PRIOR * np.array([parameter.std for parameter in source.parameters])
     effect = np.sqrt(np.mean((b.Y / torque[:, None, None]) ** 2, axis=(0, 1)))
-    spread = np.maximum(spread, _EFFECT / np.where(effect > 0, effect, np.inf))
+    spread = np.maximum(spread, SHARE / np.where(effect > 0, effect, np.inf))
     spread = np.append(spread, b.nuisance.deviations)
     target, p, x = b.tau - b.Y @ prior, prior, np.zeros(len(spread))
     scale, root = np.full(len(torque), np.nan), b.counts / torque[:, None]

@@ -25,8 +25,9 @@ _APART = 5e-3
 # Columns of a joint: offset, friction that differs by direction, shapes of friction; of a drive's
 # torque: lag, load friction, gain.
 _OF_JOINT, _OF_TORQUE = len(SHAPES) + 2, 3
-# Prior standard deviations of nuisance coefficients: lags [ms]; others as a share of the torque.
-_LAG, _SHARE = 4.0, 0.1
+# Prior standard deviations of nuisance coefficients: lags [ms]; others as a share of the usual
+# torque, which parameters of the robot may change as much.
+_LAG, SHARE = 4.0, 0.1
 
 Torques = Float[np.ndarray, "dof samples"]
 
@@ -90,8 +91,8 @@ class Nuisance:
 
     @property
     def deviations(self) -> Float[np.ndarray, " columns"]:
-        of_torque = np.tile([_LAG, _SHARE, _SHARE], len(self.torque))
-        return np.append(np.full(_OF_JOINT * len(self.speed), _SHARE), of_torque)
+        of_torque = np.tile([_LAG, SHARE, SHARE], len(self.torque))
+        return np.append(np.full(_OF_JOINT * len(self.speed), SHARE), of_torque)
 
     def friction(self, w: SampleBlock) -> Float[np.ndarray, "dof columns samples"]:
         """Torques at the drives of each joint's offset and shapes of friction."""
