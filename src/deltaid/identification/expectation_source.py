@@ -22,9 +22,8 @@ from deltaid.robot.parameter import PriorParameter
 
 # Largest unknown lag of torques [s], for which the direction of friction is unknown at a reversal.
 _APART = 5e-3
-# Columns of a joint: offset, friction that differs by direction, shapes of friction; of a drive's
-# torque: lag, load friction, gain.
-_OF_JOINT, _OF_TORQUE = len(SHAPES) + 2, 3
+# Number of columns of a joint: offset, friction that differs by direction, shapes of friction.
+_OF_JOINT = len(SHAPES) + 2
 # Prior standard deviations of nuisance coefficients: lags [ms]; others as a share of the usual
 # torque, which parameters of the robot may change as much.
 _LAG, SHARE = 4.0, 0.1
@@ -91,7 +90,7 @@ class Nuisance:
 
     @property
     def deviations(self) -> Float[np.ndarray, " columns"]:
-        of_torque = np.tile([_LAG, SHARE, SHARE], len(self.torque))
+        of_torque = np.tile([_LAG, SHARE, SHARE], len(self.torque))  # lag, load friction, gain
         return np.append(np.full(_OF_JOINT * len(self.speed), SHARE), of_torque)
 
     def friction(self, w: SampleBlock) -> Float[np.ndarray, "dof columns samples"]:
@@ -113,12 +112,13 @@ class Nuisance:
         """Torques of the model plus those of these columns, at samples of this rate [Hz]."""
         of_joints, of_drives = np.split(x, [_OF_JOINT * len(self.speed)])
         rise = np.gradient(tau, axis=1) * rate if len(w.time) > 1 else 0 * tau
-        by_torque = of_torques(tau, rise, w.qd.T) * of_drives.reshape(-1, _OF_TORQUE, 1)
+        by_torque = of_torques(tau, rise, w.qd.T) * of_drives.reshape(len(tau), -1, 1)
         return tau + of_joints @ self.friction(w) + by_torque.sum(axis=1)
 
     def lags(self, x: Float[np.ndarray, " columns"]) -> Float[np.ndarray, " dof"]:
         """How late torques are, to first order [s]."""
-        return 1e-3 * x[-_OF_TORQUE * len(self.torque) :: _OF_TORQUE]
+        of_drives = x[_OF_JOINT * len(self.speed) :]
+        return 1e-3 * of_drives[:: len(of_drives) // len(self.torque)]
 
 
 def of_torques(

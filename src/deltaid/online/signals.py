@@ -128,7 +128,8 @@ def signals(
     at_rest = steady("smooth_rest", rest)
     slow = steady("slow", 1 / (1 + (qd / ca.SX(known.slow_speed)) ** 2))
     fields.give(("skipped", skipped, "1 for a row that is not new or cannot be, and is not used"))
-    counts = [len(known.entries.shown), known.directions.shape[1], len(known.followed), _LACKED]
+    counts = [len(known.entries.shown), known.directions.shape[1], len(known.followed)]
+    counts.append(both.shape[1] - 1 - sum(counts))  # friction that models lack
     ends = np.cumsum([0, *counts]).tolist()
     return Signals(
         inputs=inputs,
@@ -154,10 +155,6 @@ def signals(
         slow=slow,
         momentum=momentum,
     )
-
-
-# Number of columns of friction that models lack.
-_LACKED = 2
 
 
 def _torques(
