@@ -28,5 +28,7 @@ HARDLY, EXACT = 1e-3, 1e-4
 # Factor on a described or usual prior width from which a prior has no effect; a value farther from
 # its prior than this is no plausible one.
 WIDER = 10.0
+# Usual noise of a drive's torque, as a share of its largest; drives have 0.3 to 3 %.
+TORQUE_NOISE = 0.02
 # Standard gravity, unless the description states another value [m/s²].
 GRAVITY = 9.81

@@ -31,7 +31,12 @@ from deltaid.cli.output import (
 )
 from deltaid.errors import DeltaidError, counted, within
 from deltaid.files import write_bytes
-from deltaid.motion.excitation.settings import VERIFICATION_OFFSET, CriterionName, PurposeName
+from deltaid.motion.excitation.settings import (
+    VERIFICATION_OFFSET,
+    CriterionName,
+    ExcitationSettings,
+    PurposeName,
+)
 from deltaid.view.numbers import number
 
 # Values of each start of the search, for JSON.
@@ -52,47 +57,49 @@ def excite(
             help="CSV file to write, with a second motion to verify the model.", endings=CSV
         ),
     ] = None,
-    criterion: Annotated[CriterionName, typer.Option(help="Optimality criterion.")] = "logdet",
+    criterion: Annotated[
+        CriterionName, typer.Option(help="Optimality criterion.")
+    ] = ExcitationSettings.criterion,
     by: Annotated[
         PurposeName,
         typer.Option(
             "--for",
             help="Measurements to plan for: torques, or also the sensors of the description.",
         ),
-    ] = "torques",
+    ] = ExcitationSettings.by,
     weigh_prior: Annotated[
         bool,
         typer.Option("--weigh-prior", help="Weight parameters by the uncertainty of their priors."),
-    ] = False,
+    ] = ExcitationSettings.weigh_prior,
     duration: Annotated[
         float,
         bounded(help="Approximate duration without the ramps, s.", limits=(0.1, 3600.0)),
-    ] = 10.0,
+    ] = ExcitationSettings.duration,
     harmonics: Annotated[
         int, typer.Option(help="Number of harmonics of the Fourier series.", min=1, max=20)
-    ] = 5,
+    ] = ExcitationSettings.harmonics,
     repeats: Annotated[
         int, typer.Option(help="Number of repetitions of the motion.", min=1, max=1000)
-    ] = 1,
+    ] = ExcitationSettings.repeats,
     velocity_weight: Annotated[
         float, typer.Option(help="Weight of speeds in the criterion.", min=0, max=1e6)
-    ] = 0.1,
+    ] = ExcitationSettings.velocity_weight,
     torque_noise: Annotated[
         float,
         bounded(
             help="Torque noise of the prediction, share of the largest torque.",
             limits=(1e-9, 10.0),
         ),
-    ] = 0.02,
+    ] = ExcitationSettings.torque_noise,
     rate: Annotated[
         float, bounded(help="Sampling rate of the file, Hz.", limits=(1.0, 1e5))
-    ] = 1000.0,
+    ] = ExcitationSettings.rate,
     starts: Annotated[
         int, typer.Option(help="Number of starts of the search.", min=1, max=1000)
-    ] = 8,
+    ] = ExcitationSettings.starts,
     seed: Annotated[
         int, typer.Option(help="Seed of the search; the same seed gives the same motion.", min=0)
-    ] = 0,
+    ] = ExcitationSettings.seed,
     plot: Annotated[
         Path | None, output_file(help="Picture of the motion to write (.png or .svg).")
     ] = None,
@@ -118,7 +125,7 @@ def excite(
         raise DeltaidError("must end in .png or .svg", where=f"--plot {plot}")
     if plot:
         require_matplotlib()
-    settings = deltaid.ExcitationSettings(
+    settings = ExcitationSettings(
         criterion=criterion,
         harmonics=harmonics,
         duration=duration,

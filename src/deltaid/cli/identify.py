@@ -51,6 +51,7 @@ from deltaid.model.options import (
     Method,
     RegularizerName,
 )
+from deltaid.robot.parameter import PRIOR_SPREAD
 
 _FIT = "Fit"
 
@@ -96,7 +97,7 @@ def identify(
             limits=SPREAD_LIMITS,
             panel=_FIT,
         ),
-    ] = 0.5,
+    ] = PRIOR_SPREAD,
     cutoff: Cutoff = None,
     report: Report = None,
     friction: Annotated[

@@ -24,6 +24,8 @@ from deltaid.cli.output import (
     used,
     write_files,
 )
+from deltaid.levels import TORQUE_NOISE
+from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.view.numbers import percent
 
 if TYPE_CHECKING:
@@ -63,7 +65,7 @@ def sensors(
     torque_noise: Annotated[
         float,
         bounded(help="Torque noise, share of each drive's largest torque.", limits=(1e-9, 10.0)),
-    ] = 0.02,
+    ] = TORQUE_NOISE,
     rate: Annotated[
         float, bounded(help="Independent samples per second.", limits=(1e-3, 1e6))
     ] = 200.0,
@@ -75,7 +77,7 @@ def sensors(
         bounded(
             help="Standard deviation of the prior, as a share of its values.", limits=(1e-6, 1e3)
         ),
-    ] = 0.5,
+    ] = PRIOR_SPREAD,
     gain_spread: Annotated[
         float | None,
         bounded(

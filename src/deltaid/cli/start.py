@@ -10,6 +10,7 @@ import deltaid
 from deltaid.cli.options import Full
 from deltaid.cli.output import Finished, console, progress, table
 from deltaid.files import require_writable, together, write_bytes
+from deltaid.levels import TORQUE_NOISE
 from deltaid.libraries import require
 from deltaid.view.numbers import percent
 
@@ -21,7 +22,7 @@ def demo(
     ] = 0,
     noise: Annotated[
         float, typer.Option(help="Torque noise as a share of the largest torque.", min=0, max=1)
-    ] = 0.02,
+    ] = TORQUE_NOISE,
     keep: Annotated[
         Path | None,
         typer.Option(help="Folder to write robot, recordings and model into. Default: none."),

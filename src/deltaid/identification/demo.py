@@ -12,6 +12,7 @@ from deltaid.dynamics.parameters import with_prior
 from deltaid.identification.identify import Identification, identify
 from deltaid.identification.prediction import validate
 from deltaid.identification.torque_error import TorqueError
+from deltaid.levels import TORQUE_NOISE
 from deltaid.motion.random_motion import random_motion, tamed
 from deltaid.motion.surrogate import (
     SensorNoise,
@@ -44,7 +45,7 @@ def demonstrate(
     folder: Path,
     *,
     seed: int = 0,
-    torque_noise: float = 0.02,
+    torque_noise: float = TORQUE_NOISE,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Demonstration:
     """Simulate, record into `folder`, identify, compare.

@@ -18,6 +18,7 @@ from deltaid.model.options import (
     Method,
     RegularizerName,
 )
+from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.robot.part import Part
 
 Lag = Annotated[float, Field(ge=-LARGEST_LAG, le=LARGEST_LAG)]
@@ -48,7 +49,7 @@ class Settings(Part):
     method: Method = "conic"
     regularizer: RegularizerName = "euclidean"
     gamma: Annotated[float, Field(ge=GAMMA_LIMITS[0], le=GAMMA_LIMITS[1])] | None = None
-    prior_spread: Annotated[float, Field(ge=SPREAD_LIMITS[0], le=SPREAD_LIMITS[1])] = 0.5
+    prior_spread: Annotated[float, Field(ge=SPREAD_LIMITS[0], le=SPREAD_LIMITS[1])] = PRIOR_SPREAD
     cutoff: Annotated[float, Field(gt=0)] | None = None
     friction: FrictionLaws = "choose"
     keep_all: bool = False

@@ -13,6 +13,7 @@ from deltaid.dynamics.dynamics import Dynamics, Parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters
 from deltaid.errors import positive
 from deltaid.files import write_csv
+from deltaid.levels import TORQUE_NOISE
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import numbered
 from deltaid.robot.description import RobotDescription
@@ -47,7 +48,7 @@ class SensorNoise:
         encoder_step: resolution of the measured angle [rad].
     """
 
-    torque: float = 0.02
+    torque: float = TORQUE_NOISE
     encoder_step: float = 2 * np.pi / 2**20
 
 

@@ -19,6 +19,7 @@ from jaxtyping import Float
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.errors import DeltaidError, positive, typed, within
 from deltaid.estimation.posterior_density import density
+from deltaid.levels import TORQUE_NOISE
 from deltaid.model.model import Model
 from deltaid.motion.random_motion import INSTANTS, random_motion
 from deltaid.online.entries import LoadEntries, load_entries
@@ -140,8 +141,8 @@ class OnlineSettings:
 # Largest number of directions in addition to friction, and least torque of one in units of the
 # noise.
 _DIRECTIONS, _SMALLEST = 3, 0.1
-# Default torque noise and unmodelled torque, as shares of a drive's largest torque.
-_NOISE, _UNMODELLED = 0.02, 0.01
+# Default unmodelled torque, as a share of a drive's largest torque.
+_UNMODELLED = 0.01
 # Unmodelled torque of slow drives in addition as a share of their dry friction; slow as a share of
 # the largest speed.
 _OF_FRICTION, _SLOW = 0.25, 0.05
@@ -199,7 +200,7 @@ def knowledge(model: Model, settings: OnlineSettings) -> OnlineKnowledge:
     q, qd, qdd = dynamics.kinematics.drive_motion(*pose)
     Y = dynamics.regressor(q, qd, qdd, np.zeros_like(q))
     largest = np.abs(Y @ model.p).max(axis=0)
-    noise, unmodelled = largest * _NOISE, largest * _UNMODELLED
+    noise, unmodelled = largest * TORQUE_NOISE, largest * _UNMODELLED
     if identified is not None:
         noise = np.array(identified.fit.rms_unfiltered) * model.gains
         unmodelled = np.array(identified.fit.rms) * model.gains

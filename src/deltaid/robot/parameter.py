@@ -1,9 +1,8 @@
-"""Parameters of p with unit, bounds and prior; units of joints."""
+"""Parameters of p with unit, bounds and prior; units of joints. Imports nothing that is slow."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal, get_args
-
-import numpy as np
 
 # Parameters that are fitted but do not belong to the robot.
 AddedKind = Literal["load", "lag", "temperature", "gain", "constant", "effect", "sensor"]
@@ -100,7 +99,7 @@ TURNING = JointUnits(
     motion="angle",
     coordinate="rad",
     shown="deg",
-    per_shown=float(np.rad2deg(1.0)),
+    per_shown=math.degrees(1.0),
     effort="torque",
     force="N m",
     stiffness="N m/rad",

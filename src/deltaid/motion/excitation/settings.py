@@ -6,6 +6,8 @@ from numbers import Integral
 from typing import Literal, get_args
 
 from deltaid.errors import DeltaidError, positive, typed, unknown, within
+from deltaid.levels import TORQUE_NOISE
+from deltaid.robot.parameter import PRIOR_SPREAD
 
 CriterionName = Literal["logdet", "cond", "a-optimal", "e-optimal"]
 PurposeName = Literal["torques", "sensors"]
@@ -45,8 +47,8 @@ class ExcitationSettings:
     repeats: int = 1
     velocity_weight: float = 0.1
     weigh_prior: bool = False
-    prior_spread: float = 0.5
-    torque_noise: float = 0.02
+    prior_spread: float = PRIOR_SPREAD
+    torque_noise: float = TORQUE_NOISE
     rate: float = 1000.0
     starts: int = 8
     seed: int = 0

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError, unknown
 from deltaid.identification.gains import SPREAD
+from deltaid.levels import TORQUE_NOISE
 from deltaid.model.model import Model, ModelLike, load
 from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import MappingLike, as_mapping
@@ -59,7 +60,7 @@ class PlanSettings:
         seed: of the generic motion.
     """
 
-    torque_noise: float = 0.02
+    torque_noise: float = TORQUE_NOISE
     rate: float = 200.0
     duration: float = 20.0
     prior_spread: float = PRIOR_SPREAD
