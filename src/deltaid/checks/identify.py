@@ -31,6 +31,7 @@ from deltaid.identification.geometric_rows import geometric_rows
 from deltaid.identification.identify import Identification
 from deltaid.identification.identify import identify as fitted
 from deltaid.identification.whole_loads import ExcessMass
+from deltaid.levels import CERTAIN
 from deltaid.model.settings import Settings, settings_of
 from deltaid.model.verdict import Grade, Verdict, worst
 from deltaid.progress import Watch, watched
@@ -43,10 +44,6 @@ from deltaid.robot.tolerances import BY_EYE, Tolerances
 
 # Verdicts on some excluded rows, whose spans the table of masks reports.
 _MASKED = {"standing", "saturation"}
-
-# Zeros and tilts of a usual size are accepted unless a friction law explains more than chance:
-# twice a log likelihood ratio, which coloured noise raises several times.
-_CERTAIN = 25.0
 
 # Verdicts that explain why a fit contradicts the recording or the prior.
 _EXPLAIN_A_FIT = {
@@ -225,7 +222,11 @@ def _unresolved(
 def _is_zero_significant(
     problem: FittedProblem, recording: PreparedRecording, described: RobotDescription
 ) -> bool:
-    """Whether a zero or a tilt explains the residual of a fit, or as much as its additions."""
+    """Whether a zero or a tilt explains the residual of a fit, or as much as its additions.
+
+    A zero or a tilt of a usual size is accepted unless the additions certainly explain more, by
+    twice a log likelihood ratio: a squared deviation, which coloured noise raises several times.
+    """
     fitted = _shifts_after(problem, recording)
     if fitted.is_significant:
         return True
@@ -240,7 +241,7 @@ def _is_zero_significant(
     value, _ = bare.estimate(likeliest)
     instead = bare.squares * (1.0 - bare.gain(likeliest))
     chance = bare.rows * np.log(max(instead, 1e-300) / max(fitted.squares, 1e-300))
-    return bool(np.linalg.norm(value) < BY_EYE and chance < _CERTAIN)
+    return bool(np.linalg.norm(value) < BY_EYE and chance < CERTAIN**2)
 
 
 def _shifts_after(

@@ -21,6 +21,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from deltaid.identification.widening import CLOSE
 from deltaid.online.cycle import Cycle
 from deltaid.online.instant import EMPTY, HOLDS
 from deltaid.online.kalman import UNMODELLED
@@ -31,9 +32,9 @@ from deltaid.recording.masks.masks import runs_of
 
 # Grid of a signal's offset, and time about it [s].
 STEP, _AROUND = 0.005, SOON + UNMODELLED
-# Largest contribution of one signal to G, least difference of G that matters, number and share of
-# signals that must exceed it, and least sum of all.
-_MOST, _SOME, _FEWEST, _SHARE, _SURE = 12.0, 2.0, 2, 0.2, 20.0
+# Largest contribution of one signal to G, twice a log likelihood ratio; number and share of signals
+# whose difference must matter, and least sum of all.
+_MOST, _FEWEST, _SHARE, _SURE = 12.0, 2, 0.2, 20.0
 # Delay of the filters [s].
 _FILTERED = 0.005
 _GRID = STEP * np.arange(-round(SOON / STEP), round(SOON / STEP) + 1)
@@ -118,8 +119,8 @@ class GripTiming:
         """Offset of signals of a load that is taken, or released."""
         better = np.array(self._better[taken] or np.zeros((0, len(_GRID))))
         total = better.sum(axis=0)
-        likely = np.flatnonzero(total > total.max() - _SOME)
-        saying = int(np.sum(better[:, int(total.argmax())] > _SOME))
+        likely = np.flatnonzero(total > total.max() - CLOSE)
+        saying = int(np.sum(better[:, int(total.argmax())] > CLOSE))
         if total.max() < _SURE or saying < max(_FEWEST, _SHARE * len(better)):
             return Offset(0.0, 0.0, len(better), saying)
         low, high = _GRID[likely[[0, -1]]] - _FILTERED
