@@ -24,7 +24,7 @@ from deltaid.identification.expectation_source import (
     joint_rates,
     of_torques,
 )
-from deltaid.levels import HARDLY, SETTLED
+from deltaid.levels import HARDLY, SETTLED, STRONG
 from deltaid.recording.log import MOST_WINDOWS
 from deltaid.recording.windows import SampleBlock
 
@@ -32,9 +32,9 @@ from deltaid.recording.windows import SampleBlock
 _MEAN, _BLOCKS = 0.009, 1500
 # Scatter above this multiple of noise is misfit.
 NOISE = 1.5
-# Sweeps with Huber's weights, whose fit is convex, and all sweeps at most; tuning constants of
-# Huber's weights (95 % efficient) and of Tukey's, in standard deviations.
-_CONVEX, _SWEEPS, _HUBER, _TUKEY = 6, 20, 1.345, 6.0
+# Sweeps with Huber's weights, whose fit is convex, and all sweeps at most; tuning constant of
+# Huber's weights (95 % efficient), in standard deviations.
+_CONVEX, _SWEEPS, _HUBER = 6, 20, 1.345
 # Weight of the prior in the first sweep, where the usual torque counts as noise; least 1 − h.
 _START, _LEAST = 0.1, 0.05
 # Quantile of the torques and speeds of a drive that is its usual one.
@@ -208,7 +208,7 @@ def _fitted(b: _Blocks, source: ExplainedRecording) -> tuple[np.ndarray, np.ndar
         before, scale = scale, deviation(np.where(b.counts, judged, np.nan))
         scale = np.maximum(scale, HARDLY * torque)
         size = np.abs(judged) / scale[:, None]
-        weights = np.clip(1.0 - (size / _TUKEY) ** 2, 0.0, None) ** 2
+        weights = np.clip(1.0 - (size / STRONG) ** 2, 0.0, None) ** 2  # none to strong outliers
         if sweep < _CONVEX:
             weights = _HUBER / np.maximum(size, _HUBER)
         root = np.sqrt(b.counts * weights) / scale[:, None]
