@@ -285,7 +285,6 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
             frozenset(),
             "why" if name in refuted else "",
             False,
-            None,
         )
         for name, last in (("named", named), ("free", other))
     )
