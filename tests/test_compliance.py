@@ -11,7 +11,9 @@ import pytest
 
 import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
+from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.compliance import compliances
+from deltaid.effects.windings import motors_of
 from deltaid.errors import DeltaidError, IdentificationError, RecordingError
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import LARGEST_LAG, Trace, trace
@@ -332,6 +334,20 @@ def test_a_stiffness_is_of_a_drive_that_is_there() -> None:
         DeltaidError, match="gear_stiffness: has unknown drive9; choose from drive1"
     ):
         robot.changed(gear_stiffness={"drive9": 5e3})
+
+
+def test_motors_lose_as_much_as_both_directions_on_average() -> None:
+    robot = load_robot("clavel-delta3")
+    friction = {
+        joint: law.changed(viscous_back=1.2 * law.viscous, coulomb_back=1.4 * law.coulomb)
+        for joint, law in robot.friction.items()
+    }
+    plain = motors_of(robot, prior_parameters(robot), 30.0, RATE)
+    by_direction = robot.changed(friction=friction)
+    motors = motors_of(by_direction, prior_parameters(by_direction), 30.0, RATE)
+    np.testing.assert_allclose(motors.viscous, 1.1 * np.array(plain.viscous))
+    np.testing.assert_allclose(motors.coulomb, 1.2 * np.array(plain.coulomb))
+    assert motors.rotor == plain.rotor
 
 
 @pytest.mark.parametrize("motor", ["viscous", "coulomb", "rotor"])

@@ -66,10 +66,14 @@ def motors_of(
     """
     names = (parameter.name for parameter in parameter_layout(robot).parameters)
     named = dict(zip(names, p.tolist(), strict=True))
-    viscous, coulomb, rotor = (
-        tuple(named.get(f"{kind}.{drive}", 0.0) for drive in robot.drives)
-        for kind in ("viscous", "coulomb", "rotor")
-    )
+
+    def both_ways(kind: str) -> tuple[float, ...]:
+        """Mean over both directions: what differs is a constant torque, which gears always hold."""
+        forth = [named.get(f"{kind}.{drive}", 0.0) for drive in robot.drives]
+        back = [named.get(f"{kind}_back.{d}", x) for d, x in zip(robot.drives, forth, strict=True)]
+        return tuple(np.mean([forth, back], axis=0).tolist())
+
+    viscous, coulomb, rotor = map(both_ways, ("viscous", "coulomb", "rotor"))
     soft = tuple(compliance) or (0.0,) * len(robot.drives)
     return Gears(soft, viscous, coulomb, rotor, min(_WIDER * cutoff, HIGHEST * rate))
 
