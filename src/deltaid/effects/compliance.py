@@ -34,8 +34,8 @@ from deltaid.effects.windings import (
     Groups,
     Windings,
     Windup,
+    beside_friction,
     fitted,
-    free_friction,
     motors_of,
 )
 from deltaid.errors import DescriptionError
@@ -208,7 +208,7 @@ class _Fit:
         self, winding: Windings, s: Compliance, steps: Groups, p: Parameters
     ) -> tuple[RecordingRows, RecordingRows]:
         """Rows of the links' motion by measured torques, with a column for each size and each lag;
-        and the same beside free friction as well.
+        beside friction by direction; and the same beside all free friction.
 
         Instruments are the same columns by the model's torques, free of the noise that measured
         ones bring into the links' motion: once along the motors' motion, and once along the links'
@@ -218,7 +218,7 @@ class _Fit:
         def sloped(winding: Windings, s: Compliance) -> tuple[RecordingRows, RecordingRows]:
             now = winding.turned(s)
             part = self.rows.of_trace(now).with_columns(winding.slopes(s, steps, p), late(now, p))
-            return part, part.with_columns(free_friction(now, p))
+            return beside_friction(part, now, p)
 
         motor = Windings.modelled(winding.trace, winding.motors, p)
         link = Windings.modelled(motor.turned(s), winding.motors, p)
