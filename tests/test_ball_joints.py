@@ -12,7 +12,7 @@ from deltaid.effects.ball_joints import BallJointFriction, of_ball_joints
 from deltaid.effects.point import TracePoint
 from deltaid.model.parameter_record import Parameter
 from deltaid.model.verdict import Grade
-from deltaid.robot.load import described
+from deltaid.robot.load import load_robot
 from drives import case
 from drives.identify import identified
 from drives.judge import judge
@@ -51,7 +51,7 @@ def rates(dynamics: Dynamics, z: np.ndarray, zd: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", KINDS)
 def test_torques_are_slopes_of_the_power_that_joints_lose(name: str) -> None:
-    dynamics, rng = compiled(described(name)), np.random.default_rng(3)
+    dynamics, rng = compiled(load_robot(name)), np.random.default_rng(3)
     kinematics, step = dynamics.kinematics, 1e-5
     z = kinematics.home + 0.02 * rng.standard_normal((6, dynamics.dof))
     zd, other = rng.standard_normal((2, 6, dynamics.dof))
@@ -70,7 +70,7 @@ def test_torques_are_slopes_of_the_power_that_joints_lose(name: str) -> None:
 
 def test_a_joint_that_hardly_turns_has_little_friction() -> None:
     """Its power is ω² / √(ω² + r²), r being a hundredth of the fastest platform over a strut."""
-    dynamics = compiled(described("clavel-delta3"))
+    dynamics = compiled(load_robot("clavel-delta3"))
     kinematics, fastest = dynamics.kinematics, 2.0
     friction = BallJointFriction(dynamics, (), (1.0, 1.0), fastest=fastest)
     z, zd = kinematics.home[None], np.array([[0.01, 0.02, -0.015]])
@@ -82,7 +82,7 @@ def test_a_joint_that_hardly_turns_has_little_friction() -> None:
 
 
 def test_the_correction_is_the_mean_moment_of_both_ends() -> None:
-    friction = BallJointFriction(compiled(described("clavel-delta3")), (), (1.0, 1.0))
+    friction = BallJointFriction(compiled(load_robot("clavel-delta3")), (), (1.0, 1.0))
     judged = [
         Parameter(name=name, value=value, std=half / 2, low=value - half, high=value + half,
                   unit="N m", prior=0.0, determined_by="data")

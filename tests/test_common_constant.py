@@ -21,7 +21,7 @@ from deltaid.identification.doubts import inseparable
 from deltaid.identification.friction_choice import choose_friction
 from deltaid.identification.friction_rows import FrictionRows, friction_rows
 from deltaid.recording.recording import open_recordings
-from deltaid.robot.load import described
+from deltaid.robot.load import load_robot
 from deltaid.robot.measured import MeasuredTogether
 from drives.happening import Happening, Law
 from drives.identify import identified
@@ -145,7 +145,7 @@ def test_the_estimate_of_a_contest_has_the_constants_of_drives() -> None:
 
 
 def test_a_constant_by_direction_is_no_offset() -> None:
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     law = robot.friction["drive1"]
     changed = law.changed(viscous_back=law.viscous, coulomb_back=law.coulomb)
     robot = robot.changed(friction=dict(robot.friction) | {"drive1": changed})

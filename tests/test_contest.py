@@ -21,7 +21,7 @@ from deltaid.identification.fit import with_geometry
 from deltaid.identification.setup import ContestOutcome
 from deltaid.identification.study import studied_trace
 from deltaid.recording.windows import SampleBlock
-from deltaid.robot.load import described
+from deltaid.robot.load import load_robot
 from drives import case
 from drives.identify import identified
 from drives.judge import judge
@@ -31,7 +31,7 @@ KINDS = ("clavel-delta3", "irb360-6-1600", "linear-delta", "h4", "par4")
 
 
 def test_columns_at_drives_follow_their_positions() -> None:
-    dynamics = compiled(described("irb360-6-1600"))
+    dynamics = compiled(load_robot("irb360-6-1600"))
     z = dynamics.kinematics.home + 0.02 * np.random.default_rng(2).standard_normal((5, 4))
     q = dynamics.kinematics.inverse(z)
     spring = DriveSpring(dynamics, (0, 2), (1.0, 1.0))
@@ -58,7 +58,7 @@ def test_balancers_pull_about_some_place() -> None:
 
 
 def test_a_robot_is_reshaped_in_lengths_and_gravity() -> None:
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     longer = 1e-3 * np.arange(len(lengths_of(robot)))
     after = reshaped(robot, longer.tolist(), turned=[0.02, 0.0])
     geometry = zip(robot.limbs.geometry(), after.limbs.geometry(), strict=True)
@@ -155,7 +155,7 @@ def test_a_base_that_nobody_mounts_so_is_a_doubt_and_no_correction(
     angle: float, *, is_doubted: bool
 ) -> None:
     values = {"tilt": np.array([0.0, angle]), "zero": np.ones(3)}
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     outcome = ContestOutcome(robot, ("tilt", "zero"), values).within_limits()
     assert ("tilt" not in outcome.values) == is_doubted
     assert ("tilt" not in outcome.kept) == is_doubted
@@ -287,7 +287,7 @@ def test_no_ripple_is_longer_than_any_that_is_searched() -> None:
     4e14 N m."""
     # the longer, the better
     fit = Mock(explained=lambda _, sets, alike: (-np.arange(sets[0].shape[1]), None))
-    point = Mock(dof=1, dynamics=compiled(described("clavel-delta3")), q=np.zeros((5, 1)))
+    point = Mock(dof=1, dynamics=compiled(load_robot("clavel-delta3")), q=np.zeros((5, 1)))
     point.added.return_value = np.zeros((1, 5, 2 * _NODES))
     searched = np.array([2.0, 3.0])
     assert nearest_order([point], fit, 0, 3.5, searched) == 2.5

@@ -27,7 +27,7 @@ from deltaid.identification.study import Study, left_of_a_drive
 from deltaid.levels import SWEEPS
 from deltaid.model.settings import Settings
 from deltaid.robot.friction import Stribeck
-from deltaid.robot.load import described
+from deltaid.robot.load import load_robot
 from drives import case, mixture
 from drives.absent import SPRINGS, without
 from drives.identify import described as described_in
@@ -83,7 +83,7 @@ def test_what_a_contest_leaves_is_more_than_what_later_stages_leave_of_theirs(
 def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
     noise: float, why_not: str, stands: bool
 ) -> None:
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     setup, outcome = Setup(robot, (), Settings()), ContestOutcome(robot)
     last, other = (
         Mock(spec=Contest, noise=n, shrunk=Mock(spec=Shrunk, noise_spread=0.02))
@@ -98,7 +98,7 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
 
 def test_a_setup_that_has_been_through_a_contest_stays_as_it_is() -> None:
     """Where a load is detected, a contest takes place before the stage."""
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     setup = Setup(robot, (), Settings(), outcome=ContestOutcome(robot))
     assert contest_stage.contested(setup, pytest.fail) is setup  # which says nothing either
 
@@ -112,7 +112,7 @@ def test_a_setup_that_has_been_through_a_contest_stays_as_it_is() -> None:
 def test_gears_found_stiff_among_rows_that_compliant_ones_leave_stay_so(
     decades: float, size: float, may: bool, applied: bool, winds_up: bool
 ) -> None:
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     group = CauseColumns(WIND_UP, np.arange(3), np.ones(3), np.zeros(3))
     shrunk = Mock(spec=Shrunk, candidates=(), x=np.array([1e-5, 2e-5, 3e-5]), covariance=np.eye(3))
     shrunk.surprise.return_value, shrunk.level.return_value = decades, 1.0
@@ -141,7 +141,7 @@ def test_sweeps_go_on_until_they_settle(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_sweeps_that_alternate_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """Names of ripples hold their orders, of which two may take turns."""
-    robot, number = described("clavel-delta3"), count()
+    robot, number = load_robot("clavel-delta3"), count()
     zero = np.zeros(1)
     sweep = Mock(spec=Contest, p=zero, points=[Mock(p=zero)])
     sweep.shrunk = Mock(spec=Shrunk, candidates=())
@@ -286,7 +286,7 @@ def test_sweeps_are_repeated_without_errors_of_parts_least_noise_first(
     parts: set[str], lost: set[str], expected: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without all errors -1.0 is left, without lengths -1.5, without zeros -2.0."""
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     bare = Setup(robot, (), Settings())
     noise = {frozenset({"length"}): -1.5, frozenset({"zero"}): -2.0}
 
@@ -306,7 +306,7 @@ def test_sweeps_are_repeated_without_errors_of_parts_least_noise_first(
 def test_a_suspect_is_named_and_intervals_count_it(odds: float, weight: float) -> None:
     """By what parameters move by with it, and with its coefficients as they may be, as far as it is
     probable of two; only one that is certain is named."""
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     names, fitted = compiled(robot).layout.names, prior_parameters(robot)
     moved, more = np.zeros((2, len(names)))
     moved[3], more[5] = 0.02, 0.01

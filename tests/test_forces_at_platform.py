@@ -12,7 +12,7 @@ from deltaid.effects.point import TracePoint
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.identification.study import studied_trace
 from deltaid.model.parameter_record import Parameter
-from deltaid.robot.load import described
+from deltaid.robot.load import load_robot
 from drives import case
 from drives.identify import identified
 from drives.judge import judge
@@ -50,7 +50,7 @@ def potentials(x: np.ndarray) -> np.ndarray:
 def test_forces_do_the_work_that_drives_have_to_do(name: str) -> None:
     """τ·dq = dV along any small step, and −F·dx for drag, with positions by inverse kinematics
     alone."""
-    dynamics, rng = compiled(described(name)), np.random.default_rng(1)
+    dynamics, rng = compiled(load_robot(name)), np.random.default_rng(1)
     kinematics = dynamics.kinematics
     z = kinematics.home + 0.02 * rng.standard_normal((6, dynamics.dof))
     qd, step = rng.standard_normal((6, dynamics.dof)), 1e-6
@@ -70,7 +70,7 @@ def test_forces_do_the_work_that_drives_have_to_do(name: str) -> None:
 @pytest.mark.parametrize("name", KINDS)
 def test_columns_of_a_cable_are_slopes_of_its_energy(name: str) -> None:
     """τ·dq = dV, V = T (ℓ − ‖a‖) + ½ k (ℓ − ‖a‖)², by T, k and a."""
-    dynamics, rng = compiled(described(name)), np.random.default_rng(2)
+    dynamics, rng = compiled(load_robot(name)), np.random.default_rng(2)
     kinematics = dynamics.kinematics
     z = kinematics.home + 0.02 * rng.standard_normal((6, dynamics.dof))
     moves, step = rng.standard_normal((6, dynamics.dof)), 1e-6
@@ -108,7 +108,7 @@ def beside_others(x: np.ndarray, forces: np.ndarray) -> np.ndarray:
 def test_a_cable_is_found_if_it_pulls(pull: float, is_cable: bool, seed: int) -> None:
     """From any direction, also where another direction far away explains more than those near it;
     seeds 1, 9 and 17 have several maxima."""
-    dynamics, rng = compiled(described("clavel-delta3")), np.random.default_rng(seed)
+    dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(seed)
     way = rng.standard_normal(3)
     true = way / np.linalg.norm(way) * rng.uniform(0.7, 2.4)
     x = np.random.default_rng(0).uniform(-0.2, 0.2, (60, 3))
@@ -154,7 +154,7 @@ def test_the_search_has_the_filtered_torques_of_a_cable() -> None:
 
 
 def test_a_cable_is_corrected_as_its_stiffness_and_its_pull_at_home() -> None:
-    dynamics = compiled(described("clavel-delta3"))
+    dynamics = compiled(load_robot("clavel-delta3"))
     cable = Cable(dynamics, (), (1.0,) * 5, (0.0, 0.6, 0.8, 5.0, 30.0))
     spring, pull = cable.to_corrections(parameters(5.0, 30.0, 0.1, 0.0, 0.0))
     assert (spring.kind, spring.value, spring.low) == ("platform-spring", 30.0, 29.0)
@@ -185,7 +185,7 @@ def test_what_pulls_is_no_fault_of_drives_or_geometry(row: str, kinds: set[str])
 
 
 def test_springs_at_the_platform_are_corrections_by_their_largest_stiffness() -> None:
-    dynamics = compiled(described("clavel-delta3"))
+    dynamics = compiled(load_robot("clavel-delta3"))
     _, isotropic, anisotropic, _ = platform_forces(dynamics, 1.0)
     judged = parameters(2.0, -7.0, 3.0, 4.0, 0.0)
     (uneven,) = anisotropic.to_corrections(judged)

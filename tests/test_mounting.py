@@ -8,7 +8,7 @@ from deltaid.dynamics.geometry import grown_torques
 from deltaid.effects.geometry import reshaped
 from deltaid.effects.mounting import direction, numbers_of
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import described
+from deltaid.robot.load import load_robot
 from deltaid.robot.mounting import remounted
 from drives import case
 from drives.identify import identified
@@ -19,18 +19,18 @@ SMALL = 1e-6
 
 
 def tilted_rails() -> RobotDescription:
-    robot = described("linear-delta")
+    robot = load_robot("linear-delta")
     assert robot.limbs is not None
     return robot.changed(limbs=robot.limbs.changed(tilt_deg=-32.0))
 
 
 def by_points() -> RobotDescription:
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     assert robot.limbs is not None
     return robot.changed(limbs=robot.limbs.changed(**remounted(robot.limbs, [{}] * 3)))
 
 
-ROBOTS = {name: described(name) for name in ("clavel-delta3", "linear-delta", "h4", "par4")} | {
+ROBOTS = {name: load_robot(name) for name in ("clavel-delta3", "linear-delta", "h4", "par4")} | {
     "tilted rails": tilted_rails(),
     "points": by_points(),
 }

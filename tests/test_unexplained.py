@@ -33,7 +33,7 @@ from deltaid.model.settings import Settings
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.repairs import TorqueDrift
 from deltaid.recording.windows import SampleBlock
-from deltaid.robot.load import described
+from deltaid.robot.load import load_robot
 from drives import Case, case
 from drives.identify import identified
 from drives.judge import judge
@@ -60,7 +60,7 @@ def weaker_at_speed(made: Case) -> Case:
 
 
 def free(kind: str) -> FreeTorque:
-    dynamics = compiled(described("clavel-delta3"))
+    dynamics = compiled(load_robot("clavel-delta3"))
     count = 3 * (len(KINDS[kind]) or {"time": 3}.get(kind, 2))
     return FreeTorque(
         dynamics, (), prior_parameters(dynamics.robot), kind, (0.2, 0.3, 0.4), (1.0, 0.5, 2.0),
@@ -196,7 +196,7 @@ def test_unexplained_torques_are_what_no_other_effect_can_take_of_the_first_reco
 
 
 def test_a_warning_says_how_much_is_unexplained_and_intervals_count_it_as_a_scale() -> None:
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     names, p = compiled(robot).layout.names, prior_parameters(robot)
     time = np.linspace(0, 20, 400)
     model = np.stack([3.0 * np.sin(time), np.sin(2 * time), np.sin(3 * time)])
@@ -266,7 +266,7 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
     stands: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     setup, outcome = Setup(robot, (), Settings()), ContestOutcome(robot)
     p = prior_parameters(robot)
     named, other = (
@@ -318,7 +318,7 @@ def test_free_functions_that_take_much_of_the_model_are_refuted(moved: float, wh
 
 def test_free_functions_join_the_fit_with_the_priors_of_what_nobody_described() -> None:
     """Springs beside them give friction laws an offset, which their torques have too."""
-    robot = described("clavel-delta3")
+    robot = load_robot("clavel-delta3")
     spring = DriveSpring(compiled(robot), (0, 1, 2), (1.0,) * 3)
     added = {"drive-spring": Added("drive-spring", spring),
              PLACE: Added(PLACE, free("its place"))}  # fmt: skip
@@ -345,7 +345,7 @@ def test_free_functions_join_the_fit_with_the_priors_of_what_nobody_described() 
     [((PLACE, "tilt"), "with corrections of tilt "), ((PLACE,), "with free functions of the d")],
 )
 def test_a_refuted_contest_names_effects_alone(kept: tuple[str, ...], words: str) -> None:
-    outcome = refuted(ContestOutcome(described("clavel-delta3"), kept=kept), "2 % is left", [])
+    outcome = refuted(ContestOutcome(load_robot("clavel-delta3"), kept=kept), "2 % is left", [])
     (text,) = outcome.doubts.values()
     assert words in text
 

@@ -28,7 +28,7 @@ from deltaid.levels import CERTAIN, UNLIKELY
 from deltaid.model.verdict import percent
 from deltaid.recording.memory import RecordingLike
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import RobotLike, described, load_yaml, save_yaml
+from deltaid.robot.load import RobotLike, load_robot, load_yaml, save_yaml
 from deltaid.sensors.planning.knowledge import Knowledge
 from deltaid.sensors.planning.offers import PoseKind
 from deltaid.shown import Plotted, Reported, Shown, Tabled
@@ -220,7 +220,7 @@ def calibrate(
         DescriptionError: the robot has no limbs or separate struts, or every number is held.
         IdentificationError: no geometry fits.
     """
-    description = described(robot)
+    description = load_robot(robot)
     within("lengths", lengths or 0.0, (0.0, _FARTHEST))
     within("angles", angles or 0.0, (0.0, _STEEPEST))
     if len(tool) != 3:

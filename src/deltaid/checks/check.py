@@ -35,7 +35,7 @@ from deltaid.progress import Watch, watched
 from deltaid.recording.mapping import FOUND, ColumnMapping, ColumnMappings, mapping_each
 from deltaid.recording.memory import Recording, RecordingLike, as_sources
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import RobotLike, described, described_in, yaml_text
+from deltaid.robot.load import RobotLike, described_in, load_robot, yaml_text
 
 
 def check(
@@ -70,7 +70,7 @@ def check(
     with watched(progress, "check") as say:
         say("checking the description")
         try:
-            description = described(robot)
+            description = load_robot(robot)
         except DescriptionError:
             if (verdict := _in_metres(robot)) is None:
                 raise

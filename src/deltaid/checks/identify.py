@@ -39,7 +39,7 @@ from deltaid.recording.mapping import ColumnMappings, mapping_each
 from deltaid.recording.memory import RecordingLike, as_sources
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import RobotLike, described
+from deltaid.robot.load import RobotLike, load_robot
 from deltaid.robot.tolerances import BY_EYE, Tolerances
 
 # Verdicts on some excluded rows, whose spans the table of masks reports.
@@ -94,7 +94,7 @@ def identify(
         RecordingError: a log cannot be used, or is wrong.
         IdentificationError: the fit cannot be posed or did not converge.
     """
-    description, settings = described(robot), settings_of(settings, options)
+    description, settings = load_robot(robot), settings_of(settings, options)
     with watched(progress, "identify") as say:
         judged = of_robot(description, quick=True, recorded=True)
         _refuse(judged, description, force)

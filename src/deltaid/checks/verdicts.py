@@ -19,9 +19,9 @@ from deltaid.robot.load import (
     RobotLike,
     catalogue,
     catalogue_text,
-    described,
     described_in,
     holds_a_model,
+    load_robot,
     parse,
     plain_data,
     read_text,
@@ -207,7 +207,7 @@ def as_written(robot: RobotLike) -> Data:
         text = read_text(Path(robot))
         if not holds_a_model(text):
             return plain_data(text, str(robot))
-    return described(robot).model_dump(mode="json", exclude_none=True)
+    return load_robot(robot).model_dump(mode="json", exclude_none=True)
 
 
 def robot_text(robot: RobotLike, proposed: Changes) -> str:

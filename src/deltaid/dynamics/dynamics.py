@@ -21,7 +21,7 @@ from deltaid.kernel.batch import BatchKernel, row_kernel
 from deltaid.mechanism.kinematics import Kinematics, Samples
 from deltaid.mechanism.one_or_many import one_or_many, real_numbers
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import RobotLike, described
+from deltaid.robot.load import RobotLike, load_robot
 from deltaid.shown import Plotted, Shown
 
 
@@ -68,7 +68,7 @@ class WithParameters(Shown):
 
     def __init__(self, robot: RobotLike) -> None:
         self._p = known_parameters(robot)
-        self.robot: RobotDescription = described(robot)
+        self.robot: RobotDescription = load_robot(robot)
         self.kinematics = Kinematics(self.robot)
         self.layout: ParameterLayout = parameter_layout(self.robot)
 

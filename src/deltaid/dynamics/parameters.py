@@ -21,8 +21,8 @@ from deltaid.robot.load import (
     ModelFile,
     RobotLike,
     catalogue,
-    described,
     holds_a_model,
+    load_robot,
     parse,
     read_text,
 )
@@ -208,7 +208,7 @@ def inertia_size(p: Float[np.ndarray, " 10"]) -> Float[np.ndarray, " 10"]:
 
 def prior_parameters(robot: RobotLike) -> Float[np.ndarray, " parameters"]:
     """p_reg: the description's prior, reduced to its bodies' `free` entries."""
-    layout = parameter_layout(described(robot))
+    layout = parameter_layout(load_robot(robot))
     return np.array([parameter.prior for parameter in layout.parameters])
 
 

@@ -36,7 +36,7 @@ from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import PreparedRecording
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import RobotLike, described
+from deltaid.robot.load import RobotLike, load_robot
 
 # Largest numbers of a recording's stretches of time and of places of the platform, the last of
 # which collects rarely visited ones; least number of places.
@@ -61,7 +61,7 @@ def gathered(
 ) -> FactorFile:
     """Identify a recording alone, correct and condense it; arguments and errors are those of
     `deltaid.identify`. Effects found by the contest of causes are not corrected in the rows."""
-    type_ = described(robot)
+    type_ = load_robot(robot)
     settings = (settings or Settings()).changed(effects="none")
     result = identify(
         type_, [log], columns=columns, settings=settings, force=force, progress=progress

@@ -23,7 +23,7 @@ from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.opening import open_log
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, described
+from deltaid.robot.load import catalogue, load_robot
 
 FACTORS = "factors"
 DECIDED = "decided.json"
@@ -145,7 +145,7 @@ class GatherPlan:
             return values
 
         robots = read(
-            fleet.types, lambda path: described(str(path) if str(path) in catalogue() else path)
+            fleet.types, lambda path: load_robot(str(path) if str(path) in catalogue() else path)
         )
         mappings = read({name: name for name in fleet.mappings}, load_mapping)
         return cls(settings, force, robots, mappings, {}, wrong)

@@ -28,7 +28,7 @@ from deltaid.model.record import Settings
 from deltaid.model.verdict import Grade, Verdict
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction_terms import law_in_words
-from deltaid.robot.load import RobotLike, described
+from deltaid.robot.load import RobotLike, load_robot
 
 # Corrections that the joint fit or `_torque_constants` report.
 _OF_FIT = ("friction", "prior", "load", "gain")
@@ -47,7 +47,7 @@ def identify_gathered(
         RecordingError: files do not match each other or the robot.
         IdentificationError: the fit cannot be posed or did not converge.
     """
-    settings, description = settings or Settings(), described(robot)
+    settings, description = settings or Settings(), load_robot(robot)
     return identify_merged(merged_files(files, description, settings), description, settings)
 
 

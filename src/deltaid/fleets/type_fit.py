@@ -20,7 +20,7 @@ from deltaid.fleets.population import Estimates, MemberEstimate, Population
 from deltaid.identification.widening import CLOSE
 from deltaid.levels import ROUNDING
 from deltaid.model.record import Settings
-from deltaid.robot.load import RobotLike, described
+from deltaid.robot.load import RobotLike, load_robot
 
 # Bodies that hold tools and loads.
 _CARRIERS = ("P", "EE")
@@ -50,7 +50,7 @@ def fitted(
             where="members",
             cure="give all recordings of a robot to one call of `member`",
         )
-    coordinates = Coordinates.for_type(described(robot), members, settings or Settings())
+    coordinates = Coordinates.for_type(load_robot(robot), members, settings or Settings())
     first = _sorted(coordinates, members).mean
     coordinates = coordinates.resized(_consistent(coordinates, first.m, first.covariance))
     sorting, reasons = _reasons(_sorted(coordinates, members))

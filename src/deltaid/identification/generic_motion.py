@@ -17,7 +17,7 @@ from deltaid.estimation.information import (
     entries_at,
 )
 from deltaid.motion.random_motion import random_motion
-from deltaid.robot.load import RobotLike, described
+from deltaid.robot.load import RobotLike, load_robot
 from deltaid.robot.parameter import PRIOR_SPREAD
 from deltaid.sensors.robot_sensors import all_sensor_rows
 from deltaid.sensors.rows import SensorRows
@@ -46,7 +46,7 @@ def base(robot: RobotLike, *, seed: int = 0) -> BaseParameters:
         DescriptionError: there is no such robot.
         KinematicsError: the description's limits leave no room for a motion.
     """
-    return measured_base(compiled(described(robot)), seed)
+    return measured_base(compiled(load_robot(robot)), seed)
 
 
 def measured_base(dynamics: Dynamics, seed: int = 0) -> BaseParameters:

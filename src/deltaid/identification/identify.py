@@ -34,7 +34,7 @@ from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
-from deltaid.robot.load import RobotLike, described
+from deltaid.robot.load import RobotLike, load_robot
 from deltaid.shown import Plotted, Reported, Shown, Tabled
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def identify(
         RecordingError: a log cannot be used.
         IdentificationError: the fit cannot be posed or did not converge.
     """
-    settings, robot = settings or Settings(), described(robot)
+    settings, robot = settings or Settings(), load_robot(robot)
     kinematics = compiled(robot).kinematics
     recordings = open_recordings(
         logs, kinematics, columns, settings.cutoff, progress, keep_all=settings.keep_all

@@ -14,7 +14,7 @@ from deltaid.kernel.batch import RowKernel
 from deltaid.mechanism.kinematics import Samples
 from deltaid.mechanism.one_or_many import one_or_many
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import RobotLike, described
+from deltaid.robot.load import RobotLike, load_robot
 from deltaid.shown import Shown
 
 _SUMS = "only the sum of the forces of a limb's two struts is given"
@@ -41,7 +41,7 @@ class ConstraintForces(WithParameters, Shown):
     """
 
     def __init__(self, robot: RobotLike) -> None:
-        limbs = described(robot).limbs
+        limbs = load_robot(robot).limbs
         if limbs is None:
             raise unknown_joints("constraint forces", "mechanism")
         super().__init__(robot)

@@ -22,7 +22,7 @@ from deltaid.mechanism.tree_joints import (
     TreeJoints,
     tree_joints,
 )
-from deltaid.robot.load import RobotLike, described
+from deltaid.robot.load import RobotLike, load_robot
 from deltaid.shown import Plotted, Shown
 
 Samples = Float[np.ndarray, "samples dof"]
@@ -51,7 +51,7 @@ class Kinematics(Shown, Plotted):
     """
 
     def __init__(self, robot: RobotLike) -> None:
-        robot = described(robot)
+        robot = load_robot(robot)
         self.robot = robot
         self.mechanism: Mechanism = build_mechanism(robot)
 

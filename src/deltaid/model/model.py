@@ -28,7 +28,6 @@ from deltaid.robot.friction_terms import TERMS
 from deltaid.robot.inertia import RigidBody
 from deltaid.robot.load import (
     catalogue,
-    described,
     holds_a_model,
     load_robot,
     read_text,
@@ -278,7 +277,7 @@ def load(source: ModelLike) -> Model:
         case Mapping() if "parameters" in source:
             return load(IdentifiedModel.from_dict(source, "model"))
         case Mapping():
-            return load(described(source))
+            return load(load_robot(source))
         case _:
             require_name(source)
             return _from_file(source)

@@ -14,7 +14,7 @@ from deltaid.recording.proposed_mapping import Column, addresses, count_drives, 
 from deltaid.recording.source import BATCH_ROWS, RENAME, LogTable
 from deltaid.recording.table import open_table
 from deltaid.recording.time.counts import is_clock
-from deltaid.robot.load import RobotLike, described
+from deltaid.robot.load import RobotLike, load_robot
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def columns(
         RecordingError: the recording cannot be read.
         DescriptionError: the robot does not exist.
     """
-    linear = None if robot is None else described(robot).linear_drives
+    linear = None if robot is None else load_robot(robot).linear_drives
     return read_contents(log, linear, Known(units or {}, gear, torque_constant)).proposal
 
 

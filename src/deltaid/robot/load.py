@@ -127,10 +127,6 @@ def load_robot(robot: RobotLike) -> RobotDescription:
     return described_in(text, str(robot))
 
 
-# Inside the package a robot is given in any form.
-described = load_robot
-
-
 def described_in(text: str, where: str) -> RobotDescription:
     """Description in the text of a robot file.
 

@@ -24,7 +24,7 @@ from deltaid.recording.mapping import ColumnMapping, load_mapping
 from deltaid.recording.opening import open_log, resolved_table
 from deltaid.recording.source import LogTable
 from deltaid.recording.table import open_table
-from deltaid.robot.load import described, parse, yaml_text
+from deltaid.robot.load import load_robot, parse, yaml_text
 from deltaid.studio.folder import stamp
 from deltaid.view.comparison import (
     POINTS,
@@ -82,7 +82,7 @@ def preview(path: str, robot: str, mapping: dict[str, Any], span: Any = None) ->
         RecordingError: a column is missing, or the file cannot be read.
     """
     given = parse(yaml_text(mapping), ColumnMapping, where="mapping") if mapping else None
-    description = described(robot)
+    description = load_robot(robot)
     table, columns, _ = resolved_table(Path(path), compiled(description).kinematics, given)
     curves = [
         (quantity, drive, channel)
@@ -147,7 +147,7 @@ def mapping_cured(
     Raises:
         DeltaidError: robot, recording or mapping is invalid.
     """
-    record = evidence(described(robot), Path(path), load_mapping(mapping) if mapping else None)
+    record = evidence(load_robot(robot), Path(path), load_mapping(mapping) if mapping else None)
     return mapping_text(record, dict(wanted))
 
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from deltaid.errors import DeltaidError
 from deltaid.robot.description import RobotDescription
-from deltaid.robot.load import catalogue, described
+from deltaid.robot.load import catalogue, load_robot
 from deltaid.studio.edits import incomplete, read
 from deltaid.studio.folder import Folder, stamp
 from deltaid.studio.jobs import Job
@@ -186,7 +186,7 @@ class Session:
 
 @lru_cache(1)
 def _described(robot: str, _changed: str) -> RobotDescription:
-    return described(robot)
+    return load_robot(robot)
 
 
 def stage_states(session: Session) -> dict[str, str]:
