@@ -34,8 +34,9 @@ from deltaid.effects.windings import (
     Groups,
     Windings,
     Windup,
-    beside_friction,
+    beside_direction,
     fitted,
+    free_friction,
     motors_of,
 )
 from deltaid.errors import DescriptionError
@@ -72,6 +73,17 @@ def compliances(
         rows: poses the regression.
         stated: s where the description states it, NaN where it is to be estimated.
     """
+    gears = _searched(traces, wide, rows, stated)
+    windings = _Fit(tuple(traces), rows, gears.values).windings(gears.p)
+    turned = [winding.turned(gears.values) for winding in windings if winding.trace.stretches]
+    if not (gears.values.any() and turned):
+        return gears
+    return replace(gears, p=beside_direction(rows, turned))
+
+
+def _searched(
+    traces: Sequence[Trace], wide: Sequence[Trace], rows: TraceRows, stated: Compliance
+) -> Windup:
     fit = _Fit(tuple(traces), rows, np.nan_to_num(stated))
     fit.require_linear()
     _, p = fitted(rows, traces)
@@ -208,7 +220,7 @@ class _Fit:
         self, winding: Windings, s: Compliance, steps: Groups, p: Parameters
     ) -> tuple[RecordingRows, RecordingRows]:
         """Rows of the links' motion by measured torques, with a column for each size and each lag;
-        beside friction by direction; and the same beside all free friction.
+        and the same beside free friction as well.
 
         Instruments are the same columns by the model's torques, free of the noise that measured
         ones bring into the links' motion: once along the motors' motion, and once along the links'
@@ -218,7 +230,7 @@ class _Fit:
         def sloped(winding: Windings, s: Compliance) -> tuple[RecordingRows, RecordingRows]:
             now = winding.turned(s)
             part = self.rows.of_trace(now).with_columns(winding.slopes(s, steps, p), late(now, p))
-            return beside_friction(part, now, p)
+            return part, part.with_columns(free_friction(now, p))
 
         motor = Windings.modelled(winding.trace, winding.motors, p)
         link = Windings.modelled(motor.turned(s), winding.motors, p)

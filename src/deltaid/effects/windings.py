@@ -16,7 +16,6 @@ from deltaid.estimation.drive_rows import (
     STRETCHES,
     ColumnsOfDrives,
     OfDrives,
-    RecordingRows,
     TraceRows,
     of_own_drives,
 )
@@ -160,25 +159,28 @@ class Windings:
 
 def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Parameters]:
     """Residuals of each trace's rows beside lags and free friction, and p of the robot beside lags
-    and friction by direction."""
+    alone: beside free friction, viscous and Coulomb's are hardly identifiable."""
     parts = [rows.of_trace(trace) for trace in traces]
     p = rows.robot_parameters(parts)
-    pairs = [
-        beside_friction(part.with_columns(late(trace, p)), trace, trace.load)
+    for k, trace in enumerate(traces):
+        parts[k] = parts[k].with_columns(late(trace, p))
+    freed = [
+        part.with_columns(free_friction(trace, trace.load))
         for part, trace in zip(parts, traces, strict=True)
     ]
-    parts, freed = zip(*pairs, strict=True)
     x = rows.problem(freed).x
     return [part.tau - part.A @ x for part in freed], rows.robot_parameters(parts)
 
 
-def beside_friction(
-    part: RecordingRows, trace: Trace, p: Parameters
-) -> tuple[RecordingRows, RecordingRows]:
-    """Rows beside friction by direction, and beside all free friction, where viscous and Coulomb's
-    are hardly identifiable."""
-    free, (*_, by_direction) = free_friction(trace, p), friction_causes(trace.dynamics.dof)
-    return part.with_columns(free[:, :, by_direction]), part.with_columns(free)
+def beside_direction(rows: TraceRows, traces: Sequence[Trace]) -> Parameters:
+    """p of the robot beside lags and friction by direction, which leaves viscous and Coulomb's
+    identifiable but would bend them."""
+    parts = [rows.of_trace(trace) for trace in traces]
+    p, (*_, by_direction) = rows.robot_parameters(parts), friction_causes(rows.dynamics.dof)
+    for k, trace in enumerate(traces):
+        free = free_friction(trace, trace.load)[:, :, by_direction]
+        parts[k] = parts[k].with_columns(late(trace, p), free)
+    return rows.robot_parameters(parts)
 
 
 def free_friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
