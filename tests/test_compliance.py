@@ -13,7 +13,7 @@ import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.compliance import compliances
-from deltaid.effects.windings import motors_of
+from deltaid.effects.windings import beside_direction, motors_of
 from deltaid.errors import DeltaidError, IdentificationError, RecordingError
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import LARGEST_LAG, Trace, trace
@@ -349,6 +349,24 @@ def test_friction_by_direction_behind_soft_gears_has_no_other_term() -> None:
         assert (law.power, law.stribeck, law.hess_soom) == (None, None, None)
         mean = 0.5 * (model.value(f"coulomb.{drive}") + model.value(f"coulomb_back.{drive}"))
         assert mean == pytest.approx(p[names.index(f"coulomb.{drive}")], rel=0.03)
+
+
+def test_friction_by_direction_does_not_bend_that_of_motors() -> None:
+    dynamics, p, table = wound(share=0.0, forth=-0.2)
+    (recording,) = open_recordings(
+        table.drop("link1", "link2", "link3", "held"), dynamics.kinematics
+    )
+    rows = TraceRows.for_dynamics(dynamics, (), 0.5)
+    whole = trace(dynamics, recording, p, cutoff=recording.cutoff)
+    coulomb = [dynamics.layout.names.index(f"coulomb.{drive}") for drive in dynamics.robot.drives]
+    off = [
+        np.abs(fitted_p[coulomb] / p[coulomb] - 1).max()
+        for fitted_p in (
+            beside_direction(rows, [whole]),
+            rows.robot_parameters([rows.of_trace(whole)]),
+        )
+    ]
+    assert off[0] < 0.02 < off[1]
 
 
 def test_motors_lose_as_much_as_both_directions_on_average() -> None:

@@ -16,6 +16,7 @@ from deltaid.effects.geometry import Structure, excluded_entries, lengths_of, re
 from deltaid.effects.joint import of_load
 from deltaid.effects.point import TracePoint
 from deltaid.effects.ripple_search import _NODES, _blocks, nearest_order, waves_near
+from deltaid.effects.windings import WindUp
 from deltaid.identification.doubts import constants
 from deltaid.identification.fit import with_geometry
 from deltaid.identification.setup import ContestOutcome
@@ -91,7 +92,7 @@ def test_friction_by_load_counts_what_rotors_and_bodies_share() -> None:
     assert np.linalg.norm(left) < 0.02 * np.linalg.norm(load)  # 11 % without the rotor's column
 
 
-def test_friction_by_load_counts_held_loads() -> None:
+def test_friction_by_load_and_windup_count_held_loads() -> None:
     result = clean("irb360-6-1600").result
     trace, p = (
         studied_trace(result.problem.dynamics, result.recordings[0], result.model.p),
@@ -109,6 +110,8 @@ def test_friction_by_load_counts_held_loads() -> None:
     held, fixed = TracePoint(holding, p), TracePoint(trace, heavier)
     columns = [point.of_joints([(point.driven[0], of_load)]) for point in (held, fixed)]
     np.testing.assert_allclose(*columns, rtol=1e-9)
+    without, with_load = (WindUp().columns(TracePoint(each, p))[0] for each in (trace, holding))
+    assert np.linalg.norm(with_load - without) > 0.1 * np.linalg.norm(without)
 
 
 def test_a_hose_is_found_and_goes_with_the_model(tmp_path: Path) -> None:
