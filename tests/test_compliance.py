@@ -13,7 +13,7 @@ import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.compliance import compliances
-from deltaid.effects.windings import beside_direction, motors_of
+from deltaid.effects.windings import motors_of
 from deltaid.errors import DeltaidError, IdentificationError, RecordingError
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import LARGEST_LAG, Trace, trace
@@ -42,10 +42,10 @@ STIFFNESS = np.array([4e3, 6e3, 5e3])
 
 @cache
 def wound(
-    share: float = 1.0, noise: float = 0.01, load: float = 0.0, forth: float = 0.0
+    share: float = 1.0, noise: float = 0.01, load: float = 0.0
 ) -> tuple[Dynamics, np.ndarray, pl.DataFrame]:
     """A recording of motors behind gears with a share of the compliance 1 / STIFFNESS; p is true.
-    The platform holds a load [kg] from 4 s on; friction is larger forth than back by twice a share.
+    The platform holds a load [kg] from 4 s on.
 
     τ_g = Y p without the drives' friction; q_m = q + τ_g / k; τ = τ_g + friction(q̇_m).
     """
@@ -67,8 +67,7 @@ def wound(
     own = dynamics.torque(z, qd, qdd, p) + more - carried - viscous * qd - coulomb * np.sign(qd)
     ahead = share * carried / STIFFNESS
     faster = np.gradient(ahead, 1 / RATE, axis=0)
-    friction = viscous * (qd + faster) + coulomb * np.sign(qd + faster)
-    tau = carried + own + (1 + forth * np.sign(qd + faster)) * friction
+    tau = carried + own + viscous * (qd + faster) + coulomb * np.sign(qd + faster)
     inner, size = slice(500, -500), np.abs(tau).max(axis=0)
     steps = 1e-6 * np.round(1e6 * (q + ahead))
     tau = tau + noise * size * rng.standard_normal(tau.shape)
@@ -335,38 +334,6 @@ def test_a_stiffness_is_of_a_drive_that_is_there() -> None:
         DeltaidError, match="gear_stiffness: has unknown drive9; choose from drive1"
     ):
         robot.changed(gear_stiffness={"drive9": 5e3})
-
-
-def test_friction_by_direction_behind_soft_gears_has_no_other_term() -> None:
-    """A fit of laws without it would take Coulomb friction for viscous one."""
-    dynamics, p, table = wound(share=2.0, forth=-0.2)
-    model = deltaid.identify(dynamics.robot, table.drop("link1", "link2", "link3", "held")).model
-    names, motors = dynamics.layout.names, model.robot.friction
-    assert mass_error(dynamics, model.p[: len(p)], p) < 0.004
-    for drive in dynamics.robot.drives:
-        law = motors[drive]
-        assert law.coulomb_back is not None
-        assert (law.power, law.stribeck, law.hess_soom) == (None, None, None)
-        mean = 0.5 * (model.value(f"coulomb.{drive}") + model.value(f"coulomb_back.{drive}"))
-        assert mean == pytest.approx(p[names.index(f"coulomb.{drive}")], rel=0.03)
-
-
-def test_friction_by_direction_does_not_bend_that_of_motors() -> None:
-    dynamics, p, table = wound(share=0.0, forth=-0.2)
-    (recording,) = open_recordings(
-        table.drop("link1", "link2", "link3", "held"), dynamics.kinematics
-    )
-    rows = TraceRows.for_dynamics(dynamics, (), 0.5)
-    whole = trace(dynamics, recording, p, cutoff=recording.cutoff)
-    coulomb = [dynamics.layout.names.index(f"coulomb.{drive}") for drive in dynamics.robot.drives]
-    off = [
-        np.abs(fitted_p[coulomb] / p[coulomb] - 1).max()
-        for fitted_p in (
-            beside_direction(rows, [whole]),
-            rows.robot_parameters([rows.of_trace(whole)]),
-        )
-    ]
-    assert off[0] < 0.02 < off[1]
 
 
 def test_motors_lose_as_much_as_both_directions_on_average() -> None:

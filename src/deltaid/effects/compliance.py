@@ -34,7 +34,6 @@ from deltaid.effects.windings import (
     Groups,
     Windings,
     Windup,
-    beside_direction,
     fitted,
     free_friction,
     motors_of,
@@ -73,17 +72,6 @@ def compliances(
         rows: poses the regression.
         stated: s where the description states it, NaN where it is to be estimated.
     """
-    gears = _searched(traces, wide, rows, stated)
-    windings = _Fit(tuple(traces), rows, gears.values).windings(gears.p)
-    turned = [winding.turned(gears.values) for winding in windings if winding.trace.stretches]
-    if not (gears.values.any() and turned):
-        return gears
-    return replace(gears, p=beside_direction(rows, turned))
-
-
-def _searched(
-    traces: Sequence[Trace], wide: Sequence[Trace], rows: TraceRows, stated: Compliance
-) -> Windup:
     fit = _Fit(tuple(traces), rows, np.nan_to_num(stated))
     fit.require_linear()
     _, p = fitted(rows, traces)

@@ -172,17 +172,6 @@ def fitted(rows: TraceRows, traces: Sequence[Trace]) -> tuple[list[OfDrives], Pa
     return [part.tau - part.A @ x for part in freed], rows.robot_parameters(parts)
 
 
-def beside_direction(rows: TraceRows, traces: Sequence[Trace]) -> Parameters:
-    """p of the robot beside lags and friction by direction, which leaves viscous and Coulomb's
-    identifiable but would bend them."""
-    parts = [rows.of_trace(trace) for trace in traces]
-    p, (*_, by_direction) = rows.robot_parameters(parts), friction_causes(rows.dynamics.dof)
-    for k, trace in enumerate(traces):
-        free = free_friction(trace, trace.load)[:, :, by_direction]
-        parts[k] = parts[k].with_columns(late(trace, p), free)
-    return rows.robot_parameters(parts)
-
-
 def free_friction(trace: Trace, p: Parameters) -> ColumnsOfDrives:
     """Columns of each drive's friction beside viscous and Coulomb's: a free curve over speed, one
     that grows with the torque its gear carries by p, with time, and by direction."""
