@@ -7,7 +7,6 @@ from jaxtyping import Float
 
 from deltaid.checks.evidence import Evidence
 from deltaid.effects.lag_columns import APART, UnknownLag
-from deltaid.identification.lags_and_gears import UNKNOWN
 from deltaid.identification.study import Study, spoilt
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent, plus_minus
 from deltaid.recording.recording import PreparedRecording
@@ -19,6 +18,8 @@ _HARMS = 0.003
 # Least ratio of a lag to its interval, where this is wider than `APART`: slow motions determine
 # lags only at reversals, where encoder steps and friction near rest interfere.
 CLEAR = 4.0
+# Half width of a 95 % interval from which a lag counts as unknown [s].
+_UNKNOWN = 1e-3
 _LAG = Fault("torque-lag", "ms")
 
 
@@ -53,7 +54,7 @@ def checked_lag(evidence: Evidence, study: Study, recording: PreparedRecording) 
             "friction that determine a lag best",
             cure="give the lag if it is known (--lag), or record with lower gains",
         )
-    if half > 1e3 * (APART if study.late else UNKNOWN):
+    if half > 1e3 * (APART if study.late else _UNKNOWN):
         return _LAG.judged(
             f"the lag of torques behind positions is known to ±{half:.2g} ms only",
             "",

@@ -68,7 +68,8 @@ def motors_of(
     named = dict(zip(names, p.tolist(), strict=True))
 
     def both_ways(kind: str) -> tuple[float, ...]:
-        """Mean over both directions: what differs is a constant torque, which gears always hold."""
+        """Mean over both directions: half the difference is the same torque either way, constant
+        but for viscous friction, and winds a gear up nearly steadily."""
         forth = [named.get(f"{kind}.{drive}", 0.0) for drive in robot.drives]
         back = [named.get(f"{kind}_back.{d}", x) for d, x in zip(robot.drives, forth, strict=True)]
         return tuple(np.mean([forth, back], axis=0).tolist())

@@ -13,8 +13,9 @@ from deltaid.estimation.objective import Vector
 from deltaid.estimation.reduction import Block
 from deltaid.levels import NEGLIGIBLE
 
-# Share of its size by which a solver's end may differ from the dual bound.
-_ACCURACY = 1e-3
+# Accuracy of ends, as a share: where cones touch the ball, they are as accurate as the root of the
+# solver's tolerance.
+ACCURACY = 1e-3
 
 
 class ConsistentBall:
@@ -93,4 +94,4 @@ class ConsistentBall:
 def _is_known(end: clarabel.DefaultSolution) -> bool:
     """Whether the dual bound agrees to the accuracy of ranges, also where rounding stopped the
     solver before its tolerance; not without an optimum, where both are no numbers."""
-    return abs(end.obj_val - end.obj_val_dual) <= _ACCURACY * max(1.0, abs(end.obj_val))
+    return abs(end.obj_val - end.obj_val_dual) <= ACCURACY * max(1.0, abs(end.obj_val))

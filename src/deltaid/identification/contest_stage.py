@@ -80,9 +80,9 @@ def contested(setup: Setup, progress: Progress) -> Setup:
 
     The first slopes are taken far from the solution, where one error of the description may mimic
     the curvature of another. So after a refuted result, sweeps are repeated without such errors and
-    from stiff gears; the best replaces the first if it leaves as
-    little noise. Where torque is unexplained, sweeps with free functions of the drives' torques
-    replace the result if the rows are more probable with them.
+    from stiff gears; the best replaces the first if it leaves as little noise. Where torque is
+    unexplained, sweeps with free functions of the drives' torques replace the result if the rows
+    are more probable with them.
     """
     if setup.settings.effects == "none" or setup.outcome:
         return setup

@@ -26,8 +26,6 @@ from deltaid.recording.log import FEW_WINDOWS
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.windows import WINDOW
 
-# Half width of a 95 % interval from which a lag is too uncertain to be corrected [s].
-UNKNOWN = 1e-3
 # Length of a recording that is used [s]; more hardly helps.
 _SECONDS = 12.0
 # Repairs of a recording without lags.

@@ -210,9 +210,10 @@ def undeclared_loads(setup: Setup, progress: Progress) -> Setup:
     # Other causes may look like a load.
     without_loads = contested(first.changed(studies=()), progress)
     kept = _kept_causes(without_loads)
-    if not kept or not _is_adequate(without_loads) or _leaves_more(without_loads, with_loads):
-        return with_loads
-    return without_loads if kept <= needed or not _is_adequate(with_loads) else with_loads
+    explains = bool(kept) and _is_adequate(without_loads)
+    needs_less = kept <= needed or not _is_adequate(with_loads)
+    stands = explains and needs_less and not _leaves_more(without_loads, with_loads)
+    return without_loads if stands else with_loads
 
 
 def _short(setup: Setup) -> frozenset[str]:

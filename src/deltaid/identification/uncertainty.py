@@ -11,7 +11,7 @@ from scipy.linalg import solve_triangular
 from deltaid.estimation.base_parameters import BaseParameters
 from deltaid.estimation.information import Information, triangle
 from deltaid.estimation.objective import Vector, prior_root, prior_scale
-from deltaid.estimation.ranges import ConsistentBall
+from deltaid.estimation.ranges import ACCURACY, ConsistentBall
 from deltaid.estimation.scatter import Combinations, Each, Noise, half_width, inverse, quantile
 from deltaid.identification.fit import FittedProblem
 from deltaid.levels import FAINT
@@ -19,9 +19,6 @@ from deltaid.model.parameter_record import Share
 
 # Share of the variance by priors that named other parameters must make up, two of them at most.
 _NAMED = 0.7
-# Share by which a range is extended at both ends: where cones touch the ball, its ends are as
-# accurate as the root of the solver's tolerance.
-_ACCURACY = 1e-3
 # Share of t at which noise and geometry are negligible.
 _VANISHED = 1e-2
 
@@ -175,14 +172,14 @@ class ConsistentRanges:
         """Least and largest c·p; infinite where neither recording nor consistency bounds it."""
         c_x = self._reduction.A.T @ c
         low, high = self._ball.ends(c_x, self._reach(c_x)[0]) + c @ self._reduction.p_0
-        more = _ACCURACY * max(high - low, 0.0) if np.isfinite(high - low) else 0.0
+        more = ACCURACY * max(high - low, 0.0) if np.isfinite(high - low) else 0.0
         return float(low - more), float(high + more)
 
     def share(self, c: Coefficients, low: float, high: float) -> Share:
         """Shares of the sources of the range of c·p, which must be finite."""
         c_x = self._reduction.A.T @ c
         t, by_noise = self._reach(c_x)
-        width = (high - low) / (1.0 + 2.0 * _ACCURACY)
+        width = (high - low) / (1.0 + 2.0 * ACCURACY)
         ratio = float(np.ptp(self._ball.ends(c_x, _VANISHED * t))) / width if width > 0 else 0.0
         unseen = float(np.clip((ratio**2 - _VANISHED**2) / (1 - _VANISHED**2), 0.0, 1.0))
         parts = np.array(self._sources.parts(self._in_scores(c_x)))[:, 0]
