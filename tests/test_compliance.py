@@ -13,7 +13,7 @@ import deltaid
 from deltaid.dynamics.dynamics import Dynamics, compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.effects.compliance import compliances
-from deltaid.effects.windings import motors_of
+from deltaid.effects.windings import Windings, motors_of
 from deltaid.errors import DeltaidError, IdentificationError, RecordingError
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import LARGEST_LAG, Trace, trace
@@ -185,6 +185,26 @@ def test_gears_wind_up_under_a_load_as_well() -> None:
     np.testing.assert_allclose(values, 1 / STIFFNESS, rtol=0.1)
     assert load.value == pytest.approx(0.6, rel=0.004)
     assert mass_error(dynamics, model.p, p) < 0.002
+
+
+def test_a_held_load_moves_with_the_link() -> None:
+    """Its torque is that of the link's motion, and with it torques are those without a load."""
+    dynamics, p, table = wound(load=0.6)
+    held = ColumnMapping(load=Load(column="held"))
+    (recording,) = open_recordings(table.drop("link1", "link2", "link3"), dynamics.kinematics, held)
+    holding = recording.repaired(loads=((0.6, *9 * (0.0,)),))
+    motors, burden = motors_of(dynamics.robot, p, 30.0, RATE), holding.burden(dynamics.robot)
+    (empty,), (after,) = (
+        Windings.measured(trace(dynamics, each, p, cutoff=each.cutoff), motors)
+        .turned(1 / STIFFNESS)
+        .stretches
+        for each in (recording, holding)
+    )
+    expected = burden(after.time, after.z, after.qd, after.qdd, after.extra)
+    assert np.abs(expected).max() > 1.0
+    np.testing.assert_allclose(after.carried, expected)
+    np.testing.assert_allclose(after.tau + after.carried, empty.tau, atol=1e-9)
+    np.testing.assert_allclose(after.qdd, empty.qdd, atol=1e-6)
 
 
 @pytest.mark.slow
