@@ -126,10 +126,12 @@ def test_saturation_is_found_drive_by_drive_and_at_both_ends() -> None:
     at_end[:, 0] = (tau[:, 0] == tau[:, 0].max()) | (tau[:, 0] == tau[:, 0].min())
     at_end[:, 2] = tau[:, 2] == tau[:, 2].max()
     assert not np.any(weights[at_end])
-    # What noise took off the end for a moment goes with it, nothing else.
-    between = (weights == 0) & ~at_end
-    assert between.sum() < 0.3 * at_end.sum()
-    assert not np.any(between[:, 1])
+    # Noise takes a torque off the end for a moment, the same noise with less torque never gets
+    # there: what is within 3 ms goes with it, nothing else.
+    beside = np.ones(2 * round(3e-3 * one.rate) + 1)
+    for i in range(3):
+        expected = np.convolve(at_end[:, i], beside, mode="same") > 0
+        assert np.array_equal(weights[:, i] == 0, expected)
 
 
 @pytest.mark.parametrize("every", [2, 4])

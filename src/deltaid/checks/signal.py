@@ -250,8 +250,8 @@ def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
     for drive, share in zip(evidence.robot.drives, shares, strict=True):
         if share > CLIPPED:
             seen = (
-                f"{percent(share)} of {drive}'s rows are on the largest or smallest number of the "
-                "torque; these are excluded"
+                f"{percent(share)} of {drive}'s rows are within 3 ms of the largest "
+                "or smallest number of the torque; these are excluded"
             )
             yield _SATURATION.judged(seen, drive, 100 * share)
 

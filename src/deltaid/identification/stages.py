@@ -77,13 +77,19 @@ def events_anew(setup: Setup, progress: Progress) -> Setup:
 
 
 def sharpened(setup: Setup, progress: Progress) -> Setup:
-    """Raise the cut-off to that of the choice of friction laws, if a law has a term near rest.
+    """Raise the cut-off to that of the choice of friction laws, if a law has a term near rest or
+    torques saturate.
 
     Stribeck friction lasts some milliseconds at each reversal; with the usual cut-off it looks like
-    Coulomb's. The last stage: all others use the usual cut-off.
+    Coulomb's. Torques between two saturations may be as brief, and their course alone separates
+    inertia from friction. The last stage: all others use the usual cut-off.
     """
-    laws = setup.robot.friction.values()
-    if setup.settings.cutoff is not None or not any(law.stribeck or law.hess_soom for law in laws):
+    is_brief = any(law.stribeck or law.hess_soom for law in setup.robot.friction.values()) or any(
+        mask.reason == "saturated torque"
+        for recording in setup.recordings
+        for mask in recording.log.masks
+    )
+    if setup.settings.cutoff is not None or not is_brief:
         return setup
     try:
         # Motion behind compliant gears has noise of torques, which grows with frequency.

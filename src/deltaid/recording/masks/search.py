@@ -45,9 +45,9 @@ _OFF_LASTS, _OFF, _OFF_RANGE = 0.01, 0.04, 0.2
 # white noise, hardly any for a smooth torque.
 _NOISY = 0.2
 DriveRows = Float[np.ndarray, "rows dof"]
-# Longest time between two saturated samples during which a channel counts as saturated [s]: noise
-# interrupts saturation, and the noise that remains has one sign.
-_BETWEEN = 0.003
+# Time before and after saturated samples during which a channel counts as saturated [s]: whether
+# torque near its end saturates depends on its noise, so the noise that remains has one sign.
+_BESIDE = 0.003
 # Longest emergency stop without torque of the drives [s].
 _STOPS = 1.5
 # Longest time between a gripper's signal and its grip [s].
@@ -228,11 +228,12 @@ class MaskSearch:
             ("emergency stop", everyone, _stops(off, on_brakes, round(_STOPS / rest.period))),
             ("stale rows", everyone, stale),
         ]
-        between = round(_BETWEEN / rest.period)
+        beside = round(_BESIDE / rest.period) * np.array([-1, 1])
         for i, ends in enumerate(self._ends):
             largest = max(abs(end.level) for end in ends)
-            saturated = np.concatenate([joined(e.runs(largest), between) for e in ends])
-            ordered = saturated[np.argsort(saturated[:, 0])]
+            saturated = np.concatenate([end.runs(largest) for end in ends])
+            ordered = joined(saturated[np.argsort(saturated[:, 0])] + beside)
+            ordered = np.clip(ordered, 0, self._row - 1)
             excluded.append(("saturated torque", (i,), without(ordered, on_brakes)))
         return [part for part in excluded if len(part[2])]
 
