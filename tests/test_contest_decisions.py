@@ -154,7 +154,7 @@ def test_sweeps_that_alternate_end(monkeypatch: pytest.MonkeyPatch) -> None:
         "decided": alternating, "_traces": lambda setup: [None], "_swept": lambda *_: sweep,
         "_unbarred": lambda *_: (),
         "with_readings": lambda setup, *_: setup, "doubted": lambda outcome, *_: outcome,
-        "_judged": lambda bare, end: end,
+        "_judged": lambda bare, end, fast: end,
     }.items():  # fmt: skip
         monkeypatch.setattr(contest_stage, name, stub)
     contest_stage._sweeps(Setup(robot, (), Settings()))

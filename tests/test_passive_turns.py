@@ -12,13 +12,14 @@ from deltaid.effects.geometry import reshaped
 from deltaid.estimation.scatter import NORMAL
 from deltaid.estimation.traces import Trace
 from deltaid.identification import contest_outcome
+from deltaid.identification.contest import Contest
 from deltaid.identification.contest_outcome import why_not
-from deltaid.identification.passive_turns import speed_errors, without_turns
+from deltaid.identification.passive_turns import speed_errors, usual_speeds
 from deltaid.identification.setup import ContestOutcome, Setup
 from deltaid.identification.study import Study, beside_any_friction, left_of_a_drive
 from deltaid.recording.filter import LowPass
 from deltaid.recording.recording import PreparedRecording
-from deltaid.recording.windows import SampleBlock
+from deltaid.recording.windows import Directions, SampleBlock
 from deltaid.robot.load import load_robot
 from logs import tabled
 from test_lag import frame
@@ -74,32 +75,55 @@ def test_errors_of_speeds_are_what_corrections_change(
     speed = (turned(t + step) - turned(t - step)) / (2 * step)
     zd = np.linalg.solve(described.jacobian(part.z), part.qd[:, :, None])[:, 3, 0]
     values = {"gear-ratio": ratio, "zero": zero, "length": longer, "mounting": mounted}
-    expected = TURNS * NORMAL * np.sqrt(np.mean((speed - zd) ** 2))
-    assert expected > 0.01
-    assert speed_errors([trace], ContestOutcome(robot, values=values)) == pytest.approx(
-        [expected], rel=1e-4
-    )
-    nothing = speed_errors([trace], ContestOutcome(robot))
-    assert nothing == pytest.approx([0.0], abs=1e-8)
+    change = TURNS * np.abs(speed - zd)
+    step, unapplied = NORMAL * np.sqrt(np.mean(change**2)), change.max()
+    assert step > 0.01
+    outcome, usual = ContestOutcome(robot, values=values), usual_speeds([trace])[0]
+    for before, applied, bound in (
+        ({}, values, step),
+        (values, {}, unapplied),
+        ({}, {}, step + unapplied),
+        (values, values, 0.0),
+    ):
+        errors = speed_errors([trace], exact(), outcome, before, applied)
+        assert errors == pytest.approx([min(bound, usual)] if bound else [], rel=1e-4)
+    assert speed_errors([trace], exact(), ContestOutcome(robot), {}, {}) == ()
 
 
-@pytest.mark.parametrize(("turn", "excludes"), [(2.0, True), (0.02, False)])
-def test_a_joint_that_hardly_turns_excludes_nothing(turn: float, excludes: bool) -> None:
-    """Errors beyond the median of its speed would exclude most rows."""
-    trace, _ = tracing(np.linspace(0.0, 2.0, 160), turn)
+def exact(**errors: np.ndarray) -> Mock:
+    """The last sweep of a contest, whose coefficients may have errors."""
+    last = Mock(spec=Contest)
+    last.takes_part.side_effect = errors.__contains__
+    last.errors.side_effect = lambda names, draws: [errors] * draws if names else []
+    return last
+
+
+def test_errors_of_coefficients_count() -> None:
+    trace, _ = tracing(np.linspace(0.0, 2.0, 160))
+    robot = trace.dynamics.robot
+    values = {"zero": ZERO, "tilt": np.ones(2)}
+    outcome = ContestOutcome(robot, values=values)
+    moved = speed_errors([trace], exact(), outcome, {}, values)
+    last = exact(zero=-ZERO, tilt=np.ones(2))
+    assert speed_errors([trace], last, outcome, values, values) == pytest.approx(moved)
+
+
+def test_errors_are_at_most_the_usual_speed() -> None:
+    """Beyond the median of its speed they would exclude most rows."""
+    trace, _ = tracing(np.linspace(0.0, 2.0, 160), 0.02)
+    (usual,) = usual_speeds([trace])
     outcome = ContestOutcome(trace.dynamics.robot, values={"gear-ratio": RATIO})
-    assert speed_errors([trace], outcome).any() == excludes
+    assert speed_errors([trace], exact(), outcome, {}, {}) == (usual,)
 
 
 def test_rows_where_a_joint_may_turn_either_way_are_excluded() -> None:
     trace, part = tracing(np.linspace(0.0, 2.0, 160))
-    assert without_turns(trace, np.zeros(1)) is trace
-    errors = np.array([2.0 * TURNS])
-    (left,) = without_turns(trace, errors).stretches
-    zd = np.linalg.solve(trace.dynamics.kinematics.jacobian(part.z), part.qd[:, :, None])[:, 3, 0]
-    assert 0.05 < np.mean(left.weights == 0) < 0.6
-    assert np.array_equal(left.weights[:, 0] == 0, np.abs(zd) < 2.0)
-    assert np.array_equal(left.tau, part.tau)
+    kinematics, motion = trace.dynamics.kinematics, (part.z, part.qd, part.qdd)
+    rows = Directions(1e-9, np.zeros(4), turns=(2.0 * TURNS,)).known(kinematics, *motion)
+    zd = np.linalg.solve(kinematics.jacobian(part.z), part.qd[:, :, None])[:, 3, 0]
+    assert 0.05 < np.mean(~rows) < 0.6
+    assert np.array_equal(~rows[:, 0], np.abs(zd) < 2.0)
+    assert Directions(1e-9, np.zeros(4)).known(kinematics, *motion).all()
 
 
 def test_beside_friction_of_any_law_no_friction_is_a_cause() -> None:

@@ -257,6 +257,10 @@ def test_rows_prefer_a_named_effect_to_free_functions_that_explain_no_more(
         (True, -0.01, ("free",), False),
         (True, -0.01, ("overtaken",), False),
         (True, -0.01, ("overtaken", "named"), True),
+        (False, -0.01, ("led",), True),
+        (False, -0.01, ("led", "overtaken"), True),
+        (False, -0.0039, ("led",), False),
+        (True, -0.01, ("led", "free"), False),
     ],
 )
 def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
@@ -266,18 +270,21 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
     stands: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """Where none of them is kept, they only led to another end, which may be the better one."""
     robot = load_robot("clavel-delta3")
-    setup, outcome = Setup(robot, (), Settings()), ContestOutcome(robot)
+    kept = {"named": ("tilt",), "free": ("tilt",) if "led" in refuted else ("tilt", PLACE)}
+    setup = Setup(robot, (), Settings())
     p = prior_parameters(robot)
     named, other = (
-        Mock(spec=Contest, estimate=values, noise=n) for values, n in ((1.1 * p, 0.0), (p, noise))
+        Mock(spec=Contest, estimate=values, noise=n, shrunk=Mock(spec=Shrunk, noise_spread=2e-3))
+        for values, n in ((1.1 * p, 0.0), (p, noise))
     )
     for contest in (named, other):
         contest.named.side_effect = compiled(robot).layout.named
     end, beside = (
         contest_stage._Sweeps(
             setup,
-            outcome,
+            ContestOutcome(robot, kept[name]),
             last,
             last,
             p,
@@ -285,18 +292,19 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
             frozenset(),
             "why" if name in refuted else "",
             False,
+            name == "free",
         )
         for name, last in (("named", named), ("free", other))
     )
     named.unexplained.return_value = free = (Mock(spec=Unexplained),)
     named.prefers.side_effect = lambda *ends: prefers_free if ends == (other, named) else None
-    monkeypatch.setattr(contest_stage, "_sweeps", lambda bare, free: beside if free else None)
+    monkeypatch.setattr(contest_stage, "_sweeps", lambda bare, free, **_: beside if free else None)
     why = {(named, other): "theirs" if "overtaken" in refuted else ""}
     monkeypatch.setattr(contest_stage, "overtaken", lambda *ends: why[ends])
     result = contest_stage._beside_unexplained(setup, end)
     assert result.last is (other if stands else named)
-    why_either = {"free", "overtaken"} if stands else {"named"}
-    assert bool(result.why_not) == bool(why_either & {*refuted})
+    theirs = {"free"} if "led" in refuted else {"free", "overtaken"}
+    assert bool(result.why_not) == bool((theirs if stands else {"named"}) & {*refuted})
     (move,) = (list(move.values()) for move in result.outcome.moves)
     assert move == pytest.approx(((0.1 if stands else -0.1) * p).tolist(), abs=1e-12)
     named.unexplained.return_value = free[:0]

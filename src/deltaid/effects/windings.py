@@ -219,6 +219,11 @@ class Windup:
         """Which sizes are beyond chance."""
         return self.sizes > CERTAIN * self.deviation
 
+    def agrees(self, values: Compliance) -> bool:
+        """Whether other compliances differ from these by no more than may be chance."""
+        wide = CERTAIN * (self.groups @ self.deviation)
+        return bool(np.all(np.abs(values - self.values) <= wide))
+
     def estimated(self, deviation: Compliance) -> "Windup":
         """The same with the standard deviation of each drive's compliance as the contest estimated
         it; 0 where it is stated."""

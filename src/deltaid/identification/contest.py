@@ -90,6 +90,9 @@ class Contest:
     def group(self, name: str) -> CauseColumns:
         return next(group for group in self.shrunk.groups if group.name == name)
 
+    def takes_part(self, name: str) -> bool:
+        return any(group.name == name for group in self.shrunk.groups)
+
     def unknown(self, name: str) -> UnknownEffect:
         return next(unknown for unknown in self.unknowns if unknown.name == name)
 
@@ -218,6 +221,15 @@ class Contest:
         by_chance = self.shrunk.surprise(group) * np.log(10.0)
         is_large = self.shrunk.size(group) > POSITION_ERROR
         return bool(is_large and min(self.odds(without), by_chance) > CERTAIN_ODDS)
+
+    def errors(self, names: Sequence[str], draws: int) -> list[dict[str, Deviations]]:
+        """Random errors of the coefficients of some effects, by their covariance."""
+        groups, rng = [self.group(name) for name in names], np.random.default_rng(0)
+        if not groups:
+            return []
+        moves = self.shrunk.follows(groups)
+        errors = moves @ rng.standard_normal((moves.shape[1], draws))
+        return [{group.name: error[group.columns] for group in groups} for error in errors.T]
 
     def follows(self, names: Collection[str]) -> list[Float[np.ndarray, " estimates"]]:
         """Changes of the estimate by one standard deviation of each independent error of some

@@ -35,7 +35,7 @@ def without_contest(setup: Setup) -> Setup:
         )  # fmt: skip
     kinds: list[Kind] = [u.corrected_as for u in UNKNOWNS if u.corrected_as is not None]
     bare = setup.without(*_ADDED).changed(outcome=None).with_robot(robot).reported((), *kinds)
-    return bare.all_repaired(readings=None, drift=None)
+    return bare.all_repaired(readings=None, drift=None, turns=())
 
 
 def with_readings(bare: Setup, outcome: ContestOutcome, p: Parameters) -> Setup:

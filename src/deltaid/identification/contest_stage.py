@@ -13,6 +13,7 @@ from deltaid.dynamics.dynamics import Parameters
 from deltaid.effects.all import UNKNOWNS, unknowns_at
 from deltaid.effects.lag_columns import TimingColumns
 from deltaid.effects.point import TracePoint, UnknownEffect, points_of
+from deltaid.effects.unexplained import is_unexplained
 from deltaid.errors import KinematicsError
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.scatter import NORMAL
@@ -32,9 +33,16 @@ from deltaid.identification.lags_and_gears import (
     estimated_anew,
     gears_turned_back,
     traced,
+    usual_turns,
 )
-from deltaid.identification.passive_turns import OfPassive, speed_errors, without_turns
-from deltaid.identification.setup import WIND_UP, ContestOutcome, Progress, Setup
+from deltaid.identification.passive_turns import speed_errors
+from deltaid.identification.setup import (
+    WIND_UP,
+    Coefficients,
+    ContestOutcome,
+    Progress,
+    Setup,
+)
 from deltaid.levels import ROUNDS, SWEEPS, WIDER
 from deltaid.recording.repairs import Gears
 
@@ -55,6 +63,7 @@ class _Sweeps:
         parts: errors of the description that any sweep kept.
         why_not: why these corrections are refuted; empty where they stand.
         is_lost: whether the next sweep has poses out of reach, or no rows.
+        is_beside_free: whether free functions of the drives' torques took part.
     """
 
     setup: Setup
@@ -66,6 +75,7 @@ class _Sweeps:
     parts: frozenset[str]
     why_not: str
     is_lost: bool
+    is_beside_free: bool = False
 
     def counting(self, other: "_Sweeps") -> "_Sweeps":
         """The same with intervals that include the change of parameters by another end."""
@@ -97,10 +107,11 @@ def _contested(bare: Setup, progress: Progress) -> Setup:
     end, bare = _with_late(bare)
     others = [*_barred(bare, end.parts), *_from_stiff_gears(bare)] if end.why_not else []
     end = min((o for o in others if _is_better(o, end)), key=lambda o: o.last.noise, default=end)
-    end = _beside_unexplained(bare, end)
+    end = _beside_unexplained(bare, _without_windup(bare, end))
     outcome = end.outcome
     if not outcome.kept and (_gears(bare) or not outcome.winds_up):
-        return bare.changed(outcome=outcome)
+        turns = end.setup.recordings[0].repairs.turns
+        return bare.all_repaired(turns=turns).changed(outcome=outcome)
     if end.why_not:
         stiff = gears_turned_back(bare.changed(outcome=ContestOutcome(bare.robot)), progress)
         moves = [move for each in (end, *others) for move in each.moves]
@@ -115,11 +126,32 @@ def _with_late(bare: Setup) -> tuple[_Sweeps, Setup]:
     they leave less noise; and the setup of these sweeps."""
     late = [u for u in UNKNOWNS if u.is_late and u.name not in bare.barred_effects]
     without = bare.changed(barred_effects=bare.barred_effects.union(u.name for u in late))
-    end = _sweeps(without)
+    end = _from_certain_turns(without)
     if not (late and end.full.needs(late)):
         return end, without
-    beside = _sweeps(bare)
+    beside = _from_certain_turns(bare)
     return (beside, bare) if _is_better(beside, end) else (end, without)
+
+
+def _from_certain_turns(setup: Setup) -> _Sweeps:
+    """Sweeps over all rows or, where these are refuted and passive joints have friction, sweeps
+    that begin with rows in which these joints are fast."""
+    end = _sweeps(setup)
+    if not (end.why_not and (turns := usual_turns(setup))):
+        return end
+    from_fast = _sweeps(setup, turns=turns)
+    return end if from_fast.why_not else from_fast
+
+
+def _without_windup(bare: Setup, end: _Sweeps) -> _Sweeps:
+    """Sweeps whose gears stay stiff, if they leave no more noise than sweeps in which gears became
+    compliant beside other effects: far from the solution, a compliance may mimic any of these."""
+    if _gears(bare) or not (end.outcome.winds_up and end.outcome.kept):
+        return end
+    stiff = _sweeps(bare, may_wind_up=False)
+    if not _is_better(stiff, end):
+        stiff = _beside_unexplained(bare, stiff, may_wind_up=False)
+    return stiff if _is_better(stiff, end) else end
 
 
 def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
@@ -128,23 +160,30 @@ def _is_better(other: _Sweeps, end: _Sweeps) -> bool:
     return not other.why_not and other.last.noise < end.last.noise + chance
 
 
-def _beside_unexplained(bare: Setup, end: _Sweeps) -> _Sweeps:
+def _beside_unexplained(bare: Setup, end: _Sweeps, *, may_wind_up: bool = True) -> _Sweeps:
     """Sweeps with free functions of the drives' torques, if the rows need these, leave less noise
-    and are more probable, or only the others are refuted; intervals include the other end.
+    and are more probable, or only the others are refuted; intervals include the other end. Where
+    they end without such functions, these have led to another end, which must leave less noise
+    beyond chance (95 %).
 
     These sweeps begin with stiff gears: an earlier compliance may be a part of the unexplained
     torque, and takes more sweeps to vanish than to appear.
     """
-    if not (free := end.full.unexplained()):
+    if end.is_beside_free or not (free := end.full.unexplained()):
         return end
     stiff = bare if bare.robot.gear_stiffness else bare.all_repaired(gears=None)
-    beside = _sweeps(stiff, free=free)
-    beside = replace(beside, why_not=beside.why_not or overtaken(end.last, beside.last))
-    if bool(end.why_not) == bool(beside.why_not):
+    beside = _sweeps(stiff, free=free, may_wind_up=may_wind_up)
+    is_free = any(map(is_unexplained, beside.outcome.kept))  # or free functions only led there
+    least = end.last.noise
+    if is_free:
+        beside = replace(beside, why_not=beside.why_not or overtaken(end.last, beside.last))
+    else:
+        least -= NORMAL * end.last.shrunk.noise_spread
+    if is_free and bool(end.why_not) == bool(beside.why_not):
         is_better = end.full.prefers(beside.last, end.last)
     else:
         is_better = not beside.why_not
-    stands = is_better and beside.last.noise < end.last.noise
+    stands = is_better and beside.last.noise < least
     return beside.counting(end) if stands else end.counting(beside)
 
 
@@ -166,22 +205,28 @@ def _sweeps(
     bare: Setup,
     barred: frozenset[str] = frozenset(),
     free: Sequence[UnknownEffect] = (),
+    turns: tuple[float, ...] = (),
+    *,
+    may_wind_up: bool = True,
 ) -> _Sweeps:
     """Sweep without the `barred` effects until coefficients settle or alternate or poses are out
-    of reach, and judge the result; `free` are further effects."""
+    of reach, and judge the result; `free` are further effects, `turns` the first errors of the
+    speeds of passive joints, and all errors behind compliant gears. With `may_wind_up`, gears may
+    become compliant."""
     without = bare.changed(barred_effects=bare.barred_effects | barred)
-    now, before, traces = without, _begun(bare), _traces(without)
-    full, sweep = _swept(now, before, traces, None, 0, free), 0
-    errors = _passive_errors(bare, before, full)
-    if errors.any():
-        full = _swept(now, before, [without_turns(t, errors) for t in traces], None, 0, free)
+    now, before, sweep, fast = without.all_repaired(turns=turns), _begun(bare), 0, turns
+    full = _swept(now, before, _traces(now), None, 0, free)
+    if not turns and (turns := _first_turns(bare, before, full)):
+        now = without.all_repaired(turns=turns)
+        full = _swept(now, before, _traces(now), None, 0, free)
     plain, dismissed = full.points[0].p, ()
     parts, why, earlier = frozenset[str](), "", list[ContestOutcome]()
     while True:
         earlier.append(before)
         last = full.reduced()
         parts |= {u.name for u in UNKNOWNS if u.is_of_parts and u.name in last.shrunk.candidates}
-        after = decided(before, last, may_wind_up=sweep < _DECIDED).within_limits()
+        may = may_wind_up and sweep < _DECIDED
+        after = decided(before, last, may_wind_up=may).within_limits()
         sweep += 1
         most = SWEEPS if after.winds_up else ROUNDS  # rows change with compliant gears
         if after.doubts != before.doubts:
@@ -190,8 +235,10 @@ def _sweeps(
         elif sweep == most or any(is_settled(outcome, after) for outcome in earlier):
             break
         try:
-            now = with_readings(without, after, last.p)
-            traces = [without_turns(trace, errors) for trace in _traces(now)]
+            turns = fast if after.winds_up else ()
+            turns = turns or _turns(bare, last, after, before.values, after.read)
+            now = with_readings(without, after, last.p).all_repaired(turns=turns)
+            traces = _traces(now)
             if not traces:
                 why = "no row would be left whose links' motion is known"
                 break
@@ -205,29 +252,46 @@ def _sweeps(
     kept = last if whole is full else whole.keeping(last.shrunk.candidates)
     end = _Sweeps(
         bare, doubted(after, whole, kept), full, last, plain, (last.p - plain, *dismissed), parts,
-        why, bool(why),
+        why, bool(why), bool(free),
     )  # fmt: skip
-    return end if why else _judged(bare, end)
+    return end if why else _judged(bare, end, fast)
 
 
-def _judged(bare: Setup, end: _Sweeps) -> _Sweeps:
-    """With the kept effects applied, and why they are refuted."""
+def _judged(bare: Setup, end: _Sweeps, fast: tuple[float, ...]) -> _Sweeps:
+    """With the kept effects applied, and why they are refuted; `fast` are errors of the speeds of
+    passive joints behind compliant gears."""
     setup, outcome, last = bare, end.outcome, end.last
     if outcome.kept or outcome.winds_up:
-        setup = with_effects(with_readings(bare, outcome, last.p), outcome, last)
+        turns = fast if outcome.winds_up else ()
+        turns = turns or _turns(bare, last, outcome, outcome.values, outcome.values)
+        now = with_readings(bare, outcome, last.p).all_repaired(turns=turns)
+        setup = with_effects(now, outcome, last)
     return replace(end, setup=setup, why_not=why_not(setup, beyond_parts(last)))
 
 
-def _passive_errors(bare: Setup, before: ContestOutcome, first: Contest) -> OfPassive:
-    """Errors of the speeds of passive joints with friction, by the corrections of a first sweep."""
-    unknown = np.zeros(len(bare.dynamics.kinematics.passive_friction.names))
-    if not unknown.size:
-        return unknown
+def _first_turns(bare: Setup, before: ContestOutcome, first: Contest) -> tuple[float, ...]:
+    """`_turns` by the corrections of a first sweep; empty where these put poses out of reach."""
+    if not bare.dynamics.kinematics.passive_friction.names:
+        return ()
+    last = first.reduced()
     try:
-        outcome = decided(before, first.reduced(), may_wind_up=False)
-        return speed_errors(_traces(bare), outcome)
+        after = decided(before, last, may_wind_up=False)
+        return _turns(bare, last, after, before.values, before.read)
     except KinematicsError:
-        return unknown
+        return ()
+
+
+def _turns(
+    bare: Setup,
+    last: Contest,
+    after: ContestOutcome,
+    before: dict[str, Coefficients],
+    applied: dict[str, Coefficients],
+) -> tuple[float, ...]:
+    """`speed_errors` of the recordings as described."""
+    if not bare.dynamics.kinematics.passive_friction.names:
+        return ()
+    return speed_errors(_traces(bare), last, after, before, applied)
 
 
 def swept_beside(setup: Setup, own: UnknownEffect, instead_of: Collection[str]) -> Contest | None:

@@ -19,6 +19,7 @@ from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.gains import gains
+from deltaid.identification.passive_turns import usual_speeds
 from deltaid.identification.setup import WIND_UP, Progress, Setup
 from deltaid.identification.study import LOAD_CHANGE, Study
 from deltaid.model.corrections import Correction
@@ -174,23 +175,25 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
     """With stated compliances and, if `search`, detected ones."""
     setup = setup.all_repaired(gears=None).reported((), "compliance")
     bare = setup.without(TimingColumns)  # `compliances` has columns of lags
-    # Traces in the band of the motion and in that of a fit, of recordings with a filter.
+    # Recordings with a filter.
     cutoffs = [(r, r.low_pass.cutoff) for r in bare.recordings if r.low_pass is not None]
-    pairs = [
-        [traced(bare, recording, share * cutoff, _OF_GEARS) for recording, cutoff in cutoffs]
-        for share in (_BAND, 1.0)
-    ]
-    traces = [(a, b) for a, b in zip(*pairs, strict=True) if a is not None and b is not None]
+    pairs = _in_both_bands(bare, cutoffs)
     stated = np.array([1 / setup.robot.stiffness(drive) for drive in setup.robot.drives])
     free = (stated == 0) & (search and setup.settings.compliance == "estimate")
     weighed, deviation = (np.where(free, sizes, 0.0) for sizes in _weighed(setup))
     searched = free & (setup.outcome is None)
-    if not traces or not (stated.any() or weighed.any() or searched.any()):
+    if not pairs or not (stated.any() or weighed.any() or searched.any()):
         return setup
     progress("looking for gears that wind up")
-    narrow, wide = zip(*traces, strict=True)
     rows = TraceRows.for_dynamics(bare.dynamics, bare.additions, bare.settings.prior_spread)
-    gears = compliances(narrow, wide, rows, np.where(searched, np.nan, stated + weighed))
+    sizes = np.where(searched, np.nan, stated + weighed)
+    narrow, wide = zip(*pairs, strict=True)
+    gears = compliances(narrow, wide, rows, sizes)
+    if turns := usual_turns(bare):
+        fast = [(recording.repaired(turns=turns), cutoff) for recording, cutoff in cutoffs]
+        narrow, wide = zip(*(_in_both_bands(bare, fast) or pairs), strict=True)
+        certain = compliances(narrow, wide, rows, sizes)
+        gears = gears if certain.agrees(gears.values) else certain
     if not gears.values.any():
         return setup
     if weighed.any():
@@ -212,6 +215,26 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
         )
     bare = bare.reported(gears.corrections(bare.robot))
     return lags_corrected(bare, progress)
+
+
+def _in_both_bands(
+    setup: Setup, cutoffs: Sequence[tuple[PreparedRecording, float]]
+) -> list[tuple[Trace, Trace]]:
+    """Traces in the band of the motion and in that of a fit."""
+    pairs = [
+        [traced(setup, recording, share * cutoff, _OF_GEARS) for share in (_BAND, 1.0)]
+        for recording, cutoff in cutoffs
+    ]
+    return [(a, b) for a, b in pairs if a is not None and b is not None]
+
+
+def usual_turns(setup: Setup) -> tuple[float, ...]:
+    """The usual speeds of passive joints with friction: behind compliant gears, slower ones may
+    turn either way."""
+    if not setup.dynamics.kinematics.passive_friction.names:
+        return ()
+    traces = [traced(setup, recording, recording.cutoff) for recording in setup.recordings]
+    return usual_speeds(known) if (known := [trace for trace in traces if trace]) else ()
 
 
 def _weighed(setup: Setup) -> tuple[Compliance, Compliance]:

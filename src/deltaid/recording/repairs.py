@@ -256,6 +256,8 @@ class Repairs:
         loads: ten parameters of each load, in the order of `Columns.loads`, whose torques are
             subtracted; empty for none.
         pulls: external causes whose torques are subtracted.
+        turns: speeds below which passive joints with friction may turn either way [rad/s or m/s];
+            empty if their directions are certain.
     """
 
     readings: Readings | None = None
@@ -270,6 +272,7 @@ class Repairs:
     gears: Gears | None = None
     loads: tuple[tuple[float, ...], ...] = ()
     pulls: tuple[Pull, ...] = ()
+    turns: tuple[float, ...] = ()
 
     def apply(self, segment: Iterator[Rows], columns: Columns, rate: float) -> Iterator[Rows]:
         """Correct the rows of a segment.

@@ -43,11 +43,14 @@ class Directions:
         period: time between two samples [s].
         noise: σ of each drive's speed [rad/s or m/s].
         smear: samples to either side over which torques are interpolated; empty if none are.
+        turns: speeds below which passive joints with friction may turn either way [rad/s or m/s];
+            empty if their directions are certain.
     """
 
     period: float
     noise: Float[np.ndarray, " dof"]
     smear: tuple[int, ...] = ()
+    turns: tuple[float, ...] = ()
 
     def known(
         self,
@@ -71,9 +74,10 @@ class Directions:
         if passive.names:
             joints = passive.rates(z, qd, qdd)
             noise = np.linalg.norm(joints.slope * self.noise, axis=2)
+            turns = self.turns or (0.0,) * len(passive.names)
             for k, moved_by in enumerate(passive.moved_by):
                 speed, rise = np.abs(joints.speed[:, k, None]), np.abs(joints.acceleration[:, k])
-                sure = speed > apart * rise[:, None] + SURE * noise[:, k, None]
+                sure = speed > apart * rise[:, None] + SURE * noise[:, k, None] + turns[k]
                 known &= sure | ~moved_by
         return known
 
