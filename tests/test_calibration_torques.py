@@ -19,7 +19,7 @@ from deltaid.dynamics.geometry import torque_slopes
 from deltaid.effects.mounting import Mounting, numbers_of
 from deltaid.effects.point import TracePoint
 from deltaid.identification.contest import Contest
-from deltaid.identification.contest_stage import swept_beside
+from deltaid.identification.contest_sweeps import swept_beside
 from deltaid.robot.load import save_yaml
 from oracle.measured_delta import DRAWINGS, BuiltDelta, built
 from oracle.tree import EZ, Array, rot_z

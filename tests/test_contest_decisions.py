@@ -16,7 +16,7 @@ from deltaid.effects.lag_columns import LagColumns
 from deltaid.effects.lag_groups import LagGroup
 from deltaid.estimation.causes import CauseColumns
 from deltaid.estimation.shrinkage import Shrunk
-from deltaid.identification import contest_stage
+from deltaid.identification import contest_stage, contest_sweeps
 from deltaid.identification.contest import Contest
 from deltaid.identification.contest_outcome import SUSPECTED, decided, doubted, refuted
 from deltaid.identification.fit import fit
@@ -89,7 +89,7 @@ def test_another_end_stands_if_it_leaves_no_more_but_for_chance(
         Mock(spec=Contest, noise=n, shrunk=Mock(spec=Shrunk, noise_spread=0.02))
         for n in (0.0, noise)
     )
-    end = contest_stage._Sweeps(
+    end = contest_sweeps.Sweeps(
         setup, outcome, last, last, np.zeros(0), (), frozenset(), "length", False
     )
     other = replace(end, last=other, why_not=why_not)
@@ -133,7 +133,7 @@ def test_sweeps_go_on_until_they_settle(monkeypatch: pytest.MonkeyPatch) -> None
             sweeps.append(after)
         return len(sweeps) == SWEEPS + 3
 
-    monkeypatch.setattr(contest_stage, "is_settled", settled_late)
+    monkeypatch.setattr(contest_sweeps, "is_settled", settled_late)
     identified(case("clean", "delta3"))
     first = sweeps[: SWEEPS + 3]
     assert [outcome.winds_up for outcome in first] == [False] * (SWEEPS + 3)
@@ -151,13 +151,13 @@ def test_sweeps_that_alternate_end(monkeypatch: pytest.MonkeyPatch) -> None:
         return replace(before, kept=(f"ripple of drive1, 12.0{next(number) % 2}",))
 
     for name, stub in {
-        "decided": alternating, "_traces": lambda setup: [None], "_swept": lambda *_: sweep,
+        "decided": alternating, "traces_of": lambda setup: [None], "_swept": lambda *_: sweep,
         "_unbarred": lambda *_: (),
         "with_readings": lambda setup, *_: setup, "doubted": lambda outcome, *_: outcome,
         "_judged": lambda bare, end, fast: end,
     }.items():  # fmt: skip
-        monkeypatch.setattr(contest_stage, name, stub)
-    contest_stage._sweeps(Setup(robot, (), Settings()))
+        monkeypatch.setattr(contest_sweeps, name, stub)
+    contest_sweeps.sweeps(Setup(robot, (), Settings()))
     assert next(number) == 3
 
 
@@ -171,7 +171,7 @@ def test_effects_that_sweeps_dropped_may_act_as_well(monkeypatch: pytest.MonkeyP
         assert set(last.shrunk.candidates) <= set(outcome.kept)
         return doubted(outcome, full, last)
 
-    monkeypatch.setattr(contest_stage, "doubted", spied)
+    monkeypatch.setattr(contest_sweeps, "doubted", spied)
     identified(case("falling-gain", "delta3"))
     for of_effect in odds:
         assert all(abs(of_effect[name]) < 3 for name in ("tilt", "length", "gear-ratio"))
@@ -193,7 +193,7 @@ def test_gears_become_compliant_in_the_first_sweeps_only(monkeypatch: pytest.Mon
         flags.append("may " if may_wind_up else "keep ")
         return decided(*args, may_wind_up=may_wind_up)
 
-    monkeypatch.setattr(contest_stage, "decided", spied)
+    monkeypatch.setattr(contest_sweeps, "decided", spied)
     identified(case("falling-gain", "delta3"))
     assert re.fullmatch("((may ){2}(keep )+)+", "".join(flags))
 
@@ -290,14 +290,14 @@ def test_sweeps_are_repeated_without_errors_of_parts_least_noise_first(
     bare = Setup(robot, (), Settings())
     noise = {frozenset({"length"}): -1.5, frozenset({"zero"}): -2.0}
 
-    def swept(_: Setup, barred: frozenset[str]) -> contest_stage._Sweeps:
+    def swept(_: Setup, barred: frozenset[str]) -> contest_sweeps.Sweeps:
         last = Mock(spec=Contest, noise=noise.get(barred, -1.0))
-        return contest_stage._Sweeps(
+        return contest_sweeps.Sweeps(
             bare, ContestOutcome(robot), last, last, np.zeros(0), (), frozenset(parts), "",
             is_lost=barred == lost,
         )  # fmt: skip
 
-    monkeypatch.setattr(contest_stage, "_sweeps", swept)
+    monkeypatch.setattr(contest_stage, "sweeps", swept)
     ends = contest_stage._barred(bare, frozenset(parts))
     assert [end.last.noise for end in ends] == expected
 

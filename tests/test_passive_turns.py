@@ -108,6 +108,14 @@ def test_errors_of_coefficients_count() -> None:
     assert speed_errors([trace], last, outcome, values, values) == pytest.approx(moved)
 
 
+def test_errors_that_put_poses_out_of_reach_leave_fast_rows_only() -> None:
+    trace, _ = tracing(np.linspace(0.0, 2.0, 160))
+    values = {"zero": ZERO}
+    outcome = ContestOutcome(trace.dynamics.robot, values=values)
+    errors = speed_errors([trace], exact(zero=np.full(4, 2.0)), outcome, values, values)
+    assert errors == usual_speeds([trace])
+
+
 def test_errors_are_at_most_the_usual_speed() -> None:
     """Beyond the median of its speed they would exclude most rows."""
     trace, _ = tracing(np.linspace(0.0, 2.0, 160), 0.02)

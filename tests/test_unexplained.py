@@ -23,7 +23,7 @@ from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.information import entries_at
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.estimation.traces import Trace
-from deltaid.identification import contest_stage
+from deltaid.identification import contest_stage, contest_sweeps
 from deltaid.identification.contest import Contest
 from deltaid.identification.contest_applied import with_effects, without_contest
 from deltaid.identification.contest_outcome import doubted, overtaken, refuted
@@ -282,7 +282,7 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
     for contest in (named, other):
         contest.named.side_effect = compiled(robot).layout.named
     end, beside = (
-        contest_stage._Sweeps(
+        contest_sweeps.Sweeps(
             setup,
             ContestOutcome(robot, kept[name]),
             last,
@@ -298,7 +298,7 @@ def test_free_functions_stand_where_rows_are_more_probable_and_leave_less_noise(
     )
     named.unexplained.return_value = free = (Mock(spec=Unexplained),)
     named.prefers.side_effect = lambda *ends: prefers_free if ends == (other, named) else None
-    monkeypatch.setattr(contest_stage, "_sweeps", lambda bare, free, **_: beside if free else None)
+    monkeypatch.setattr(contest_stage, "sweeps", lambda bare, free, **_: beside if free else None)
     why = {(named, other): "theirs" if "overtaken" in refuted else ""}
     monkeypatch.setattr(contest_stage, "overtaken", lambda *ends: why[ends])
     result = contest_stage._beside_unexplained(setup, end)

@@ -27,7 +27,8 @@ from deltaid.effects.mounting import Mounting, direction
 from deltaid.effects.point import Deviations, TracePoint, UnknownEffect
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.drive_rows import ColumnsOfDrives
-from deltaid.identification.contest_stage import contested, swept_beside
+from deltaid.identification.contest_stage import contested
+from deltaid.identification.contest_sweeps import swept_beside
 from deltaid.identification.setup import Progress, Setup
 from deltaid.identification.stages import run_stages
 from deltaid.model.settings import Settings

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.effects.geometry import reshaped
+from deltaid.errors import KinematicsError
 from deltaid.estimation.scatter import NORMAL
 from deltaid.estimation.traces import Trace
 from deltaid.identification.contest import Contest
@@ -70,10 +71,14 @@ def speed_errors(
 
     best = speeds(after.values)
     kept = [name for name in named if name in after.values and last.takes_part(name)]
-    scatter = [
-        speeds(after.values | {name: after.values[name] + x for name, x in errors.items()}) - best
-        for errors in last.errors(kept, _DRAWS)
-    ]
+    try:
+        scatter = [
+            speeds(after.values | {name: after.values[name] + x for name, x in errors.items()})
+            - best
+            for errors in last.errors(kept, _DRAWS)
+        ]
+    except KinematicsError:  # errors so large that poses are out of reach
+        return usual_speeds(traces)
     squares = [(speeds(before) - best) ** 2, sum(change**2 for change in scatter) / _DRAWS]
     random = NORMAL * np.sqrt(np.mean(sum(squares), axis=0))
     bounds = np.abs(speeds(applied) - best).max(axis=0) + random
