@@ -8,8 +8,9 @@ import pytest
 
 from deltaid.effects.windings import Windup
 from deltaid.estimation.shrinkage import Shrunk
-from deltaid.identification import contest_stage, stages
+from deltaid.identification import contest_stage, contest_sweeps, stages
 from deltaid.identification.contest import Contest
+from deltaid.identification.contest_applied import without_contest
 from deltaid.identification.contest_sweeps import Sweeps
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Setup
 from deltaid.model.record import Settings
@@ -17,6 +18,9 @@ from deltaid.recording.masks.masks import Mask
 from deltaid.recording.recording import PreparedRecording
 from deltaid.recording.repairs import Gears, Repairs
 from deltaid.robot.load import load_robot
+from drives import case
+from drives.identify import identified
+from drives.judge import judge
 
 ROBOT = load_robot("clavel-delta3")
 BARE = Setup(ROBOT, (), Settings())
@@ -28,7 +32,7 @@ def ended(noise: float, why_not: str = "", *, winds_up: bool = False, kept: str 
     last = Mock(spec=Contest, noise=noise, shrunk=Mock(spec=Shrunk, noise_spread=0.01))
     last.unexplained.return_value = ()
     values = {WIND_UP: np.ones(3)} if winds_up else {}
-    outcome = ContestOutcome(ROBOT, tuple(kept.split()), values)
+    outcome = ContestOutcome(ROBOT, tuple(kept.split()), values, values)
     return Sweeps(BARE, outcome, last, last, np.zeros(0), (), frozenset(), why_not, is_lost=False)
 
 
@@ -128,3 +132,44 @@ def test_a_refuted_result_is_tried_again_where_passive_joints_are_fast(
     monkeypatch.setattr(contest_stage, "usual_turns", lambda _: turns)
     expected = from_fast if begins_fast else over_all
     assert contest_stage._from_certain_turns(BARE) is expected
+
+
+def test_behind_compliant_gears_only_fast_rows_count_to_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    p = np.zeros(1)
+    sweep = Mock(spec=Contest, p=p, points=[Mock(p=p)])
+    sweep.shrunk = Mock(spec=Shrunk, candidates=())
+    sweep.reduced.return_value = sweep
+    soft, kept = ended(0.0, winds_up=True).outcome, list[tuple[float, ...]]()
+    for name, stub in {
+        "decided": lambda *_, may_wind_up: soft, "traces_of": lambda _: [None],
+        "_swept": lambda *_: sweep, "_unbarred": lambda *_: (), "_turns": pytest.fail,
+        "with_readings": lambda setup, *_: setup, "doubted": lambda outcome, *_: outcome,
+        "_judged": lambda bare, end, fast: kept.append(fast),
+    }.items():  # fmt: skip
+        monkeypatch.setattr(contest_sweeps, name, stub)
+    contest_sweeps.sweeps(BARE, turns=(0.3,))
+    assert kept == [(0.3,)]
+
+
+def test_another_contest_begins_with_rows_beside_reversals() -> None:
+    recording = Mock(spec=PreparedRecording, repairs=Repairs(turns=(0.3,)))
+    without_contest(Setup(ROBOT, (recording,), Settings()))
+    assert recording.repaired.call_args.kwargs["turns"] == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("row", "kind", "kept"),
+    [
+        ("gear-ratio", "par4", {"gear-ratio"}),  # M 16 % where the platform's joint steps elsewhere
+        ("falling-gain", "delta4", {"torque-constant"}),  # M 13 % with a gear of 12 N m/rad
+    ],
+)
+def test_one_cause_is_found_from_another_beginning(row: str, kind: str, kept: set[str]) -> None:
+    made = case(row, kind, 2)
+    result = identified(made)
+    judged = judge(made, result)
+    assert judged.M < 0.005
+    assert {name for name, _ in judged.said} - {"contact", "prior"} == kept
