@@ -108,7 +108,7 @@ def _of_rows(replay: Replay, settings: OnlineSettings, run: RunEvidence) -> Iter
             drive.column for drive, end in zip(drives, replay.ends, strict=True) if end < np.inf
         ]
         yield Doubt(
-            f"{percent(share)} of the rows are on the largest or smallest number of "
+            f"{percent(share)} of the rows are within 3 ms of the largest or smallest number of "
             f"{listed(ended)}: while they are, a push on that drive is not detected, and it says "
             "nothing of a load",
             cause="the drive is at its limit of current, or the channel's range ends there",

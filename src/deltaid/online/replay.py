@@ -202,14 +202,15 @@ def _stale(masks: tuple[Mask, ...]) -> tuple[Mask, ...]:
 
 
 def _ends(log: Log) -> tuple[float, ...]:
-    """Least number at which each torque channel saturates."""
-    found, row = np.full(len(log.columns.torque), np.inf), 0
+    """Least number at which each torque channel saturates: the largest of some excluded stretch."""
     masks = [mask for mask in log.masks if mask.reason == "saturated torque"]
+    largest, row = np.zeros((len(masks), len(log.columns.torque))), 0
     for values in log.batches() if masks else ():
         rows = np.arange(row, row := row + len(values))
         sizes = np.abs(values[:, log.columns.torque_places])
-        for mask in masks:
+        for mask, top in zip(masks, largest, strict=True):
             inside = (rows >= mask.first) & (rows <= mask.last)
-            for i in mask.drives:
-                found[i] = np.min(sizes[inside, i], initial=found[i])
-    return tuple(found.tolist())
+            top[:] = np.maximum(top, sizes[inside].max(axis=0, initial=0.0))
+    for mask, top in zip(masks, largest, strict=True):
+        top[[i for i in range(len(top)) if i not in mask.drives]] = np.inf
+    return tuple(largest.min(axis=0, initial=np.inf).tolist())
