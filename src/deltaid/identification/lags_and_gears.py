@@ -21,7 +21,7 @@ from deltaid.estimation.traces import Trace, trace
 from deltaid.identification.gains import gains
 from deltaid.identification.passive_turns import usual_speeds
 from deltaid.identification.setup import WIND_UP, Progress, Setup
-from deltaid.identification.study import LOAD_CHANGE, Study
+from deltaid.identification.study import ADEQUATE, LOAD_CHANGE, Study, left_of_a_drive
 from deltaid.model.corrections import Correction
 from deltaid.recording.log import FEW_WINDOWS
 from deltaid.recording.recording import PreparedRecording
@@ -189,7 +189,8 @@ def _turned_back(setup: Setup, progress: Progress, *, search: bool = True) -> Se
     sizes = np.where(searched, np.nan, stated + weighed)
     narrow, wide = zip(*pairs, strict=True)
     gears = compliances(narrow, wide, rows, sizes)
-    if turns := usual_turns(bare):
+    is_explained = all(left_of_a_drive(study) <= ADEQUATE for study in setup.studies if study)
+    if not is_explained and (turns := usual_turns(bare)):
         fast = [(recording.repaired(turns=turns), cutoff) for recording, cutoff in cutoffs]
         narrow, wide = zip(*(_in_both_bands(bare, fast) or pairs), strict=True)
         certain = compliances(narrow, wide, rows, sizes)
