@@ -106,23 +106,24 @@ def test_recordings_with_saturated_torques_are_fitted_at_a_higher_cutoff(
 
 
 @pytest.mark.parametrize(
-    ("refuted", "turns", "refuted_from_fast", "begins_fast"),
+    ("refuted", "turns", "noise", "refuted_from_fast", "begins_fast"),
     [
-        ("", (0.3,), "", False),
-        ("length", (0.3,), "", True),
-        ("length", (0.3,), "zero", False),
-        ("length", (), "", False),  # no passive joint has friction
+        ("", (0.3,), -3.7, "", False),
+        ("length", (0.3,), -3.7, "", True),
+        ("length", (0.3,), -3.68, "", False),  # more than half of the noise
+        ("length", (0.3,), -3.7, "zero", False),
+        ("length", (), -3.7, "", False),  # no passive joint has friction
     ],
 )
 def test_a_refuted_result_is_tried_again_where_passive_joints_are_fast(
     refuted: str,
     turns: tuple[float, ...],
+    noise: float,
     refuted_from_fast: str,
     begins_fast: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Whatever noise is left: it is of other rows."""
-    over_all, from_fast = ended(-3.0, refuted), ended(-2.0, refuted_from_fast)
+    over_all, from_fast = ended(-3.0, refuted), ended(noise, refuted_from_fast)
 
     def swept(_: Setup, **begin: Any) -> Sweeps:
         assert begin in ({}, {"turns": (0.3,)})

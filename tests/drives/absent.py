@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import pytest
 
 from deltaid.effects.point import TracePoint, UnknownEffect
-from deltaid.identification import contest, contest_outcome, contest_stage, study
+from deltaid.identification import contest, contest_outcome, contest_stage, contest_sweeps, study
 
 SPRINGS = frozenset({"isotropic-spring", "anisotropic-spring", "cable"})
 # Names and kinds of effects that model the same cause, by its row in `causes.py`.
@@ -33,17 +33,18 @@ def without(missing: Collection[str]) -> Iterator[None]:
     Args:
         missing: names and kinds, such as 'gear-ratio' or 'ripple'.
     """
-    known = tuple(unknown for unknown in contest_stage.UNKNOWNS if unknown.name not in missing)
+    known = tuple(unknown for unknown in contest_sweeps.UNKNOWNS if unknown.name not in missing)
     searched = tuple(effect for effect in study.EFFECTS if effect.kind not in missing)
-    unknowns = contest_stage.unknowns_at
+    unknowns = contest_sweeps.unknowns_at
 
     def others(point: TracePoint) -> tuple[UnknownEffect, ...]:
         return tuple(unknown for unknown in unknowns(point) if unknown.name not in missing)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(contest_stage, "UNKNOWNS", known)
+        patch.setattr(contest_sweeps, "UNKNOWNS", known)
         patch.setattr(contest_outcome, "UNKNOWNS", known)
-        patch.setattr(contest_stage, "unknowns_at", others)
+        patch.setattr(contest_sweeps, "unknowns_at", others)
         patch.setattr(study, "EFFECTS", searched)
         if "ripple" in missing:
             patch.setattr(contest.Contest, "with_ripples", lambda self: self)
