@@ -138,20 +138,15 @@ def test_a_refuted_result_is_tried_again_where_passive_joints_are_fast(
 def test_behind_compliant_gears_only_fast_rows_count_to_the_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    p = np.zeros(1)
-    sweep = Mock(spec=Contest, p=p, points=[Mock(p=p)])
-    sweep.shrunk = Mock(spec=Shrunk, candidates=())
-    sweep.reduced.return_value = sweep
-    soft, kept = ended(0.0, winds_up=True).outcome, list[tuple[float, ...]]()
-    for name, stub in {
-        "decided": lambda *_, may_wind_up: soft, "traces_of": lambda _: [None],
-        "_swept": lambda *_: sweep, "_unbarred": lambda *_: (), "_turns": pytest.fail,
-        "with_readings": lambda setup, *_: setup, "doubted": lambda outcome, *_: outcome,
-        "_judged": lambda bare, end, fast: kept.append(fast),
-    }.items():  # fmt: skip
-        monkeypatch.setattr(contest_sweeps, name, stub)
-    contest_sweeps.sweeps(BARE, turns=(0.3,))
-    assert kept == [(0.3,)]
+    """If sweeps began with these; otherwise errors of the speeds decide, as behind stiff gears."""
+    par4, last = Setup(load_robot("par4"), (), Settings()), Mock(spec=Contest)
+    monkeypatch.setattr(contest_sweeps, "speed_errors", lambda *_: (0.1,))
+    soft, stiff = (ended(0.0, winds_up=winds_up).outcome for winds_up in (True, False))
+    for fast, after, expected in (
+        ((0.3,), soft, (0.3,)), ((), soft, (0.1,)), ((0.3,), stiff, (0.1,)),
+    ):  # fmt: skip
+        assert contest_sweeps._turns(par4, fast, last, after, {}, {}) == expected
+    assert contest_sweeps._turns(BARE, (), last, soft, {}, {}) == ()  # nothing passive has friction
 
 
 def test_another_contest_begins_with_rows_beside_reversals() -> None:

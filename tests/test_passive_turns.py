@@ -92,8 +92,7 @@ def test_errors_of_speeds_are_what_corrections_change(
 
 def exact(**errors: np.ndarray) -> Mock:
     """The last sweep of a contest, whose coefficients may have errors."""
-    last = Mock(spec=Contest)
-    last.takes_part.side_effect = errors.__contains__
+    last = Mock(spec=Contest, shrunk=Mock(candidates=tuple(errors)))
     last.errors.side_effect = lambda names, draws: [errors] * draws if names else []
     return last
 

@@ -90,9 +90,6 @@ class Contest:
     def group(self, name: str) -> CauseColumns:
         return next(group for group in self.shrunk.groups if group.name == name)
 
-    def takes_part(self, name: str) -> bool:
-        return any(group.name == name for group in self.shrunk.groups)
-
     def unknown(self, name: str) -> UnknownEffect:
         return next(unknown for unknown in self.unknowns if unknown.name == name)
 

@@ -105,8 +105,7 @@ def sweeps(
         elif sweep == most or any(is_settled(outcome, after) for outcome in earlier):
             break
         try:
-            turns = fast if after.winds_up else ()
-            turns = turns or _turns(bare, last, after, before.values, after.read)
+            turns = _turns(bare, fast, last, after, before.values, after.read)
             now = with_readings(without, after, last.p).all_repaired(turns=turns)
             traces = traces_of(now)
             if not traces:
@@ -128,13 +127,11 @@ def sweeps(
 
 
 def _judged(bare: Setup, end: Sweeps, fast: tuple[float, ...]) -> Sweeps:
-    """With the kept effects applied, and why they are refuted; `fast` are errors of the speeds of
-    passive joints behind compliant gears."""
+    """With the kept effects applied, and why they are refuted; `fast` as of `_turns`."""
     setup, outcome, last = bare, end.outcome, end.last
     if outcome.kept or outcome.winds_up:
         try:
-            turns = fast if outcome.winds_up else ()
-            turns = turns or _turns(bare, last, outcome, outcome.values, outcome.values)
+            turns = _turns(bare, fast, last, outcome, outcome.values, outcome.values)
         except KinematicsError:
             return replace(end, why_not=_OUT_OF_REACH, is_lost=True)
         now = with_readings(bare, outcome, last.p).all_repaired(turns=turns)
@@ -149,19 +146,22 @@ def _first_turns(bare: Setup, before: ContestOutcome, first: Contest) -> tuple[f
     last = first.reduced()
     try:
         after = decided(before, last, may_wind_up=False)
-        return _turns(bare, last, after, before.values, before.read)
+        return _turns(bare, (), last, after, before.values, before.read)
     except KinematicsError:
         return ()
 
 
 def _turns(
     bare: Setup,
+    fast: tuple[float, ...],
     last: Contest,
     after: ContestOutcome,
     before: dict[str, Coefficients],
     applied: dict[str, Coefficients],
 ) -> tuple[float, ...]:
-    """`speed_errors` of the recordings as described."""
+    """`speed_errors` of the recordings as described; behind compliant gears `fast`, if any."""
+    if fast and after.winds_up:
+        return fast
     if not bare.dynamics.kinematics.passive_friction.names:
         return ()
     return speed_errors(traces_of(bare), last, after, before, applied)

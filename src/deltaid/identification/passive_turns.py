@@ -70,7 +70,7 @@ def speed_errors(
         return _speeds(traces, corrected or dynamics.kinematics, values)
 
     best = speeds(after.values)
-    kept = [name for name in named if name in after.values and last.takes_part(name)]
+    kept = [name for name in named if name in after.values and name in last.shrunk.candidates]
     try:
         scatter = [
             speeds(after.values | {name: after.values[name] + x for name, x in errors.items()})
