@@ -25,12 +25,19 @@ from deltaid.view.check import page_table, short_table, verdicts_page
 from deltaid.view.comparison import TorqueComparison, compare
 from deltaid.view.corrections import corrected
 from deltaid.view.excitation import excitation_page
-from deltaid.view.html import explained, render
+from deltaid.view.html import explained, numeric, render
 from deltaid.view.numbers import number, percent, span
 from deltaid.view.page import Fact, Figure, Page, Section, Table, Text
 from deltaid.view.torques import over_time, residual_blocks
 from html_page import HOSTILE, Document
 from logs import recorded, true_parameters, write
+
+
+def test_sentences_that_begin_with_a_number_are_no_numbers() -> None:
+    """Right-aligned without breaks, they would end beyond the page."""
+    cells = ("0.25", "18 % of the rows are excluded", "3 N m s/rad", "≥ 1.05", "4 ± 0.1 kg m²")
+    table = Table(("a", "b", "c", "d", "e"), (cells, ("—", "2 %", "", "1", "0.5")))
+    assert [numeric(table, k) for k in range(5)] == [True, False, True, True, True]
 
 
 def test_hostile_text_in_every_part_of_a_page() -> None:

@@ -118,6 +118,7 @@ def _plotly() -> Markup:
 
 _UNIT = re.compile(r"\[.*?\]|\d %")
 _STARTS = re.compile(r"[<>≥≤±~−+-]?\s*\d(?!\d{3}-\d\d)")  # dates are no numbers
+_WORDS = re.compile(r"[a-z]{2,} [a-z]{2,}")
 _NUMBER = re.compile(r"(?<![\w.])(-?)(\d+(?:\.\d+)?)(?:e([+-])0*(\d+))?(?![\w.])")
 # Numbers in a sentence that need typesetting; those in names of files and options are skipped.
 _IN_PROSE = re.compile(
@@ -145,9 +146,10 @@ _NAME = re.compile(
 
 
 def numeric(table: Table, column: int) -> bool:
-    """Whether a column holds numbers: each non-empty cell begins with one."""
+    """Whether a column holds numbers: each non-empty cell begins with one, and none goes on as a
+    sentence does, with two words."""
     cells = [row[column] for row in table.rows if row[column] not in ("", "—")]
-    return bool(cells) and all(_STARTS.match(cell) for cell in cells)
+    return bool(cells) and all(_STARTS.match(cell) and not _WORDS.search(cell) for cell in cells)
 
 
 def paragraphs(text: str) -> list[str]:
