@@ -151,6 +151,7 @@ def test_behind_compliant_gears_only_fast_rows_count_to_the_end(
 
 def test_another_contest_begins_with_rows_beside_reversals() -> None:
     recording = Mock(spec=PreparedRecording, repairs=Repairs(turns=(0.3,)))
+    recording.repaired.return_value = recording
     without_contest(Setup(ROBOT, (recording,), Settings()))
     assert recording.repaired.call_args.kwargs["turns"] == ()
 
