@@ -64,6 +64,7 @@ class NoiseBlock:
         stretches: the stretch of time of each row.
         largest: the largest measured value.
         independent: share of the rows with independent noise, behind a low-pass.
+        counted: share of the samples behind the rows that count; the others are zero.
     """
 
     A: Columns
@@ -71,6 +72,12 @@ class NoiseBlock:
     stretches: Int[np.ndarray, " rows"]
     largest: float
     independent: float = 1.0
+    counted: float = 1.0
+
+    @property
+    def count(self) -> float:
+        """Number of rows without those excluded."""
+        return max(self.counted * len(self.b), 1.0)
 
     @cached_property
     def products(self) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
@@ -79,10 +86,10 @@ class NoiseBlock:
 
     def noise(self, residual: Rows) -> float:
         """Standard deviation of its noise; slow errors of the model count as noise."""
-        count = len(residual) // _SLOW * _SLOW
-        variance = float(np.mean(residual**2))
-        slow = np.mean(residual[:count].reshape(-1, _SLOW).sum(axis=1) ** 2) / _SLOW
-        return float(np.sqrt(np.maximum(slow, max(variance, 1e-300))))
+        whole = len(residual) // _SLOW * _SLOW
+        sums = residual[:whole].reshape(-1, _SLOW).sum(axis=1)
+        square = max(float(residual @ residual), float(sums @ sums), 1e-300)
+        return float(np.sqrt(square / self.count))
 
 
 @dataclass(frozen=True, eq=False)

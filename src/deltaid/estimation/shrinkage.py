@@ -106,7 +106,7 @@ class Shrunk:
     def noise_spread(self) -> float:
         """Standard deviation of the logarithm of white noise's level by chance, 1/√(2n) of n
         independent rows."""
-        rows = sum(block.independent * len(block.b) for block in self.blocks)
+        rows = sum(block.independent * block.count for block in self.blocks)
         return float(1.0 / np.sqrt(2.0 * rows))
 
     def residual(self, block: NoiseBlock) -> Rows:
@@ -181,7 +181,7 @@ class Shrunk:
     def size(self, group: CauseColumns) -> float:
         """RMS of the part of a group that only it explains, as a share of the largest value."""
         shares = [s / block.largest for s, block in zip(self.sigma, self.blocks, strict=True)]
-        rows = sum(len(block.b) for block in self.blocks)
+        rows = sum(block.count for block in self.blocks)
         return float(np.sqrt(self.price(group) / rows * np.mean(np.square(shares))))
 
     def level(self, group: CauseColumns) -> float:
@@ -230,7 +230,7 @@ class Shrunk:
         for block, sigma in zip(self.blocks, self.sigma, strict=True):
             taken = np.sum((self._root @ block.A.T) ** 2) / sigma**2
             square += float(np.sum(self.residual(block) ** 2)) / sigma**2
-            free += block.independent * len(block.b) - float(taken)
+            free += block.independent * block.count - float(taken)
         return square / max(free, 1.0)
 
     def without(self, names: Collection[str]) -> "Shrunk":
@@ -285,7 +285,7 @@ class Shrunk:
             own += np.einsum("nwi,nwj->wij", scaled, scaled)
             along += np.einsum("nwi,n->wi", scaled, e)
             mixed += block.A.T @ scaled.reshape(len(e), -1) / sigma
-            unit.append(max(float(np.mean(e**2)), np.finfo(float).tiny))
+            unit.append(max(float(e @ e) / block.count, np.finfo(float).tiny))
         others = (self._root @ mixed).reshape(-1, width, size)
         alone = np.maximum(alike * np.einsum("wii->wi", own), np.finfo(float).tiny)
         left = own - np.einsum("nwi,nwj->wij", others, others) + alone[:, :, None] * np.eye(size)

@@ -130,6 +130,13 @@ class Trace:
         """Samples until the initial state of filters does not matter, and two for slopes."""
         return 2 + int(np.ceil(_FORGOTTEN * max(self.constants, default=0.0) * self.low_pass.rate))
 
+    @property
+    def counted(self) -> Float[np.ndarray, " dof"]:
+        """Share of the samples of each drive that count: of white noise, filtered rows keep the
+        mean square of the weights."""
+        weights = np.concatenate([run.weights for run in self.stretches])
+        return np.mean(weights**2, axis=0)
+
     def is_long(self, lost: int) -> bool:
         """Whether rows remain if each stretch loses so many samples."""
         return any(_outputs(self.low_pass, len(run.time) - lost) > 0 for run in self.stretches)

@@ -96,7 +96,7 @@ class Contest:
     @property
     def noise(self) -> float:
         """Logarithm of the noise level, as a mean over the rows of all drives."""
-        rows = [len(block.b) for block in self.shrunk.blocks]
+        rows = [block.count for block in self.shrunk.blocks]
         return float(np.average(np.log(self.shrunk.sigma), weights=rows))
 
     def with_cable(self, kept: Collection[str]) -> "Contest":
@@ -287,8 +287,9 @@ def contest(
         first += width
     blocks = [
         NoiseBlock(part.A[i], part.tau[i], stretch_numbers(part.tau.shape[1]),
-                   float(point.largest[i]), point.trace.low_pass.independent)
-        for part, point in zip(parts, points, strict=True) for i in range(len(part.tau))
+                   float(point.largest[i]), point.trace.low_pass.independent, float(counted))
+        for part, point in zip(parts, points, strict=True)
+        for i, counted in enumerate(point.trace.counted)
     ]  # fmt: skip
     shrunk = Shrunk.fitted(blocks, *rows.prior(first), groups)
     return Contest(rows, tuple(points), tuple(unknowns), shrunk)
