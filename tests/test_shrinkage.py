@@ -64,6 +64,38 @@ def test_by_how_much_chance_changes_the_level_of_noise() -> None:
     assert spread == pytest.approx(float(np.std(np.log(levels))), rel=0.05)
 
 
+def test_excluded_rows_change_nothing() -> None:
+    """They are zero, and no evidence of less noise."""
+    full = problem(size=0.05)
+    longer = tuple(
+        replace(
+            block,
+            A=np.pad(block.A, ((0, more), (0, 0))),
+            b=np.pad(block.b, (0, more)),
+            stretches=np.pad(block.stretches, (0, more), mode="edge"),
+            counted=400 / (400 + more),
+        )
+        for block, more in zip(full.blocks, (200, 80), strict=True)
+    )
+    part = Shrunk.fitted(longer, *prior(full), full.groups)
+    assert np.allclose(part.x, full.x, rtol=1e-12)
+    assert np.allclose(part.sigma, full.sigma, rtol=1e-12)
+    cause = full.groups[0]
+    for of in (Shrunk.size, Shrunk.surprise, Shrunk.level):
+        assert of(part, cause) == pytest.approx(of(full, cause), rel=1e-9)
+    assert part.noise_spread == pytest.approx(full.noise_spread, rel=1e-12)
+    assert part._unfitted == pytest.approx(full._unfitted, rel=1e-9)
+    columns = np.random.default_rng(1).standard_normal((400, 3, 2))
+    padded = np.pad(columns, ((0, 80), (0, 0), (0, 0)))
+    explained, of_all = (
+        fit.explained([1], [columns], 1e-3)[0] for fit, columns in ((part, padded), (full, columns))
+    )
+    assert explained == pytest.approx(of_all, rel=1e-9)
+    contests = [Mock(spec=Contest, shrunk=fit) for fit in (part, full)]
+    noise = [Contest.noise.fget(each) for each in contests]
+    assert noise[0] == pytest.approx(noise[1], rel=1e-12)
+
+
 def test_what_is_not_needed_shrinks_and_what_is_large_widens() -> None:
     small, large = problem(size=0.0), problem(size=10.0)
     assert small.alpha[0] < 0.2 < 2.9 < large.alpha[0]
