@@ -58,14 +58,17 @@ def _contested(bare: Setup, progress: Progress) -> Setup:
 
 def _with_late(bare: Setup) -> tuple[Sweeps, Setup]:
     """Sweeps without the effects that take part late, or with them if the rows need any of them and
-    they leave less noise; and the setup of these sweeps."""
+    they leave less noise; and the setup of these sweeps, also for further ones if both are
+    refuted."""
     late = [u for u in UNKNOWNS if u.is_late and u.name not in bare.barred_effects]
     without = bare.changed(barred_effects=bare.barred_effects.union(u.name for u in late))
     end = _from_certain_turns(without)
     if not (late and end.full.needs(late)):
         return end, without
     beside = _from_certain_turns(bare)
-    return (beside, bare) if _is_better(beside, end) else (end, without)
+    is_quieter = beside.last.noise < end.last.noise
+    needs_late = is_quieter if beside.why_not and end.why_not else _is_better(beside, end)
+    return (beside, bare) if needs_late else (end, without)
 
 
 def _from_certain_turns(setup: Setup) -> Sweeps:
