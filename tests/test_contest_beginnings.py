@@ -1,15 +1,19 @@
 """From which beginnings sweeps of the contest are repeated, and which end stands."""
 
+from dataclasses import replace
 from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from deltaid.dynamics.parameters import prior_parameters
+from deltaid.effects.point import points_of
 from deltaid.effects.windings import Windup
+from deltaid.estimation.drive_rows import TraceRows
 from deltaid.estimation.shrinkage import Shrunk
 from deltaid.identification import contest_stage, contest_sweeps, stages
-from deltaid.identification.contest import Contest
+from deltaid.identification.contest import Contest, contest
 from deltaid.identification.contest_applied import without_contest
 from deltaid.identification.contest_sweeps import Sweeps
 from deltaid.identification.setup import WIND_UP, ContestOutcome, Setup
@@ -21,6 +25,7 @@ from deltaid.robot.load import load_robot
 from drives import case
 from drives.identify import identified
 from drives.judge import judge
+from test_lag import frame, traced
 
 ROBOT = load_robot("clavel-delta3")
 BARE = Setup(ROBOT, (), Settings())
@@ -162,6 +167,19 @@ def test_mounting_takes_part_where_it_leaves_less_noise(
     stands, setup = contest_stage._with_late(BARE)
     assert stands is (beside if takes_part else end)
     assert ("mounting" in setup.barred_effects) is not takes_part
+
+
+def test_excluded_rows_do_not_change_the_noise() -> None:
+    """So noise can be compared between sweeps that exclude different rows."""
+    record, noise = traced(frame(np.zeros(3))), list[float]()
+    (run,) = record.stretches
+    half = run.weights * (np.arange(len(run.time)) % 1000 < 500)[:, None]
+    p, rows = prior_parameters(ROBOT), TraceRows.for_dynamics(record.dynamics, (), 1.0)
+    for weights in (run.weights, half):
+        part = replace(record, stretches=(replace(run, weights=weights),))
+        swept = contest(rows, points_of([part], p), (), {})
+        noise.append(swept.noise)
+    assert abs(noise[1] - noise[0]) < 3 * swept.shrunk.noise_spread < 0.15  # half is 0.35
 
 
 def test_behind_compliant_gears_only_fast_rows_count_to_the_end(

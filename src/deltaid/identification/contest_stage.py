@@ -67,8 +67,8 @@ def _with_late(bare: Setup) -> tuple[Sweeps, Setup]:
         return end, without
     beside = _from_certain_turns(bare)
     is_quieter = beside.last.noise < end.last.noise
-    needs_late = is_quieter if beside.why_not and end.why_not else _is_better(beside, end)
-    return (beside, bare) if needs_late else (end, without)
+    take_part = is_quieter if beside.why_not and end.why_not else _is_better(beside, end)
+    return (beside, bare) if take_part else (end, without)
 
 
 def _from_certain_turns(setup: Setup) -> Sweeps:
