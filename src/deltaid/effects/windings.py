@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from deltaid.dynamics.dynamics import Parameters
 from deltaid.dynamics.parameters import parameter_layout
 from deltaid.effects.joint import SHAPES
-from deltaid.effects.lag_columns import late, slope
+from deltaid.effects.lag_columns import late
 from deltaid.effects.point import Deviations, StagedEffect, TracePoint
 from deltaid.estimation.drive_rows import (
     STRETCHES,
@@ -23,6 +23,7 @@ from deltaid.estimation.scatter import quantile
 from deltaid.estimation.traces import Trace
 from deltaid.levels import CERTAIN
 from deltaid.model.corrections import Correction
+from deltaid.recording.filter import design_low_pass
 from deltaid.recording.repairs import Gears, convolved
 from deltaid.recording.spectrum import HIGHEST
 from deltaid.recording.windows import SampleBlock
@@ -30,6 +31,8 @@ from deltaid.robot.description import RobotDescription
 
 # Cut-off of the low-pass over the torque that gears carry, as a multiple of that over rows.
 _WIDER = 2.5
+# Cut-off of a search for compliances and of their columns, as a share of the fit's.
+BAND = 0.5
 # The torque that a gear carries counts as known from this share of its motor's own torque.
 _LOADED = 0.2
 # Numbers of a drive's free friction columns: over speed, with load, with time, by direction.
@@ -271,18 +274,30 @@ class WindUp(StagedEffect):
     is_positive = True
 
     def columns(self, point: TracePoint) -> ColumnsOfDrives:
-        dof, rate = point.dof, point.trace.low_pass.rate
+        """Links turn by −s τ_g, motors as recorded.
 
-        def carried(w: SampleBlock) -> Float[np.ndarray, "channels samples"]:
-            """τ_g and two derivatives by time."""
-            level = point.trace.carried(w, point.p).T
-            first = rate * slope(level)
-            return np.vstack([level, first, rate * slope(first)])
+        Behind compliant gears, links move by measured torques. Their noise grows with each
+        derivative of τ_g and is that of the rows, so columns that contain it bias s towards zero.
+        """
+        trace, dof = point.trace, point.dof
+        low_pass = design_low_pass(BAND * trace.low_pass.cutoff, trace.low_pass.rate, single=True)
+        taps, margin = (low_pass.level, low_pass.first, low_pass.second), low_pass.margin
 
-        filtered = point.trace.filtered(carried, np.tile(np.arange(dof), 3), 2)
-        turns = [-part.T for part in np.split(filtered, 3)]
+        def turned(w: SampleBlock) -> Float[np.ndarray, "channels samples"]:
+            """−τ_g and two derivatives by time; beyond the ends τ_g goes on as before them."""
+            ends = ((margin, margin), (0, 0))
+            wound = np.pad(trace.carried(w, point.p), ends, "reflect", reflect_type="odd")
+            return -np.hstack([convolved(tap, wound) for tap in taps]).T
+
+        filtered = trace.filtered(turned, np.tile(np.arange(dof), 3), margin)
+        turn, faster, rise = np.split(filtered.T, 3, axis=1)
+        motors = motors_of(trace.dynamics.robot, point.p, trace.low_pass.cutoff, low_pass.rate)
+        # Motors have no part in it; the direction of their friction does not change.
+        of_motors = np.array(motors.viscous) * faster + np.array(motors.rotor) * rise
+        slopes = point.slopes.of_motion
         return point.weighted([
-            point.slopes.of_motion(*(turn * unit for turn in turns)) for unit in np.eye(dof)
+            slopes(turn * unit, faster * unit, rise * unit) - (of_motors * unit).T
+            for unit in np.eye(dof)
         ])  # fmt: skip
 
     def deviations(self, point: TracePoint, columns: ColumnsOfDrives) -> Deviations:

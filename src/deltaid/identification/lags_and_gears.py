@@ -13,7 +13,7 @@ from deltaid.effects.lag_columns import LagColumns, TimingColumns, UnknownFilter
 from deltaid.effects.lag_groups import SMALL, LagGroup, Timing, alone, chosen_groups, delays_of
 from deltaid.effects.lags import estimate_lags
 from deltaid.effects.timing import other_than_delays
-from deltaid.effects.windings import Compliance, motors_of
+from deltaid.effects.windings import BAND, Compliance, motors_of
 from deltaid.errors import IdentificationError, RecordingError
 from deltaid.estimation.additions import Addition
 from deltaid.estimation.drive_rows import TraceRows
@@ -33,8 +33,6 @@ _SECONDS = 12.0
 _ON_TIME: dict[str, Any] = {"delay": (), "constants": (), "growth": None, "blur": ()}
 # Least number of windows of a recording in which compliances are searched.
 _OF_GEARS = 2
-# Cut-off of these rows as a share of the fit's.
-_BAND = 0.5
 
 
 def lags_corrected(setup: Setup, progress: Progress) -> Setup:
@@ -223,7 +221,7 @@ def _in_both_bands(
 ) -> list[tuple[Trace, Trace]]:
     """Traces in the band of the motion and in that of a fit."""
     pairs = [
-        [traced(setup, recording, share * cutoff, _OF_GEARS) for share in (_BAND, 1.0)]
+        [traced(setup, recording, share * cutoff, _OF_GEARS) for share in (BAND, 1.0)]
         for recording, cutoff in cutoffs
     ]
     return [(a, b) for a, b in pairs if a is not None and b is not None]
