@@ -19,6 +19,7 @@ from deltaid.identification.setup import ContestOutcome, Setup
 from deltaid.identification.study import Study, beside_any_friction, left_of_a_drive
 from deltaid.recording.filter import LowPass
 from deltaid.recording.recording import PreparedRecording
+from deltaid.recording.repairs import Gears
 from deltaid.recording.windows import Directions, SampleBlock
 from deltaid.robot.load import load_robot
 from logs import tabled
@@ -131,6 +132,26 @@ def test_rows_where_a_joint_may_turn_either_way_are_excluded() -> None:
     assert 0.05 < np.mean(~rows) < 0.6
     assert np.array_equal(~rows[:, 0], np.abs(zd) < 2.0)
     assert Directions(1e-9, np.zeros(4)).known(kinematics, *motion).all()
+
+
+def test_behind_compliant_gears_rows_near_reversals_of_passive_joints_are_excluded() -> None:
+    """The links follow a step of the gears' torques for two periods of their low-pass."""
+    t = np.linspace(0.0, 2.0, 1600)
+    trace, part = tracing(t)
+    kinematics, step, settling = trace.dynamics.kinematics, 1e-5, 0.04
+    qd = [np.einsum("sij,sj->si", kinematics.jacobian(motion_at(t + at)),
+                    (motion_at(t + at + step) - motion_at(t + at - step)) / (2 * step))
+          for at in (-step, step)]  # fmt: skip
+    motion = part.z, part.qd, (qd[1] - qd[0]) / (2 * step)
+    zd = np.linalg.solve(kinematics.jacobian(part.z), part.qd[:, :, None])[:, 3, 0]
+    reversals = t[1:][zd[1:] * zd[:-1] < 0]
+    near = np.abs(t[:, None] - reversals).min(axis=1)
+    known = Directions(1e-9, np.zeros(4), settling=settling).known(kinematics, *motion)
+    assert len(reversals) > 3
+    assert np.all(known[near > 1.05 * settling])
+    assert not np.any(known[near < 0.95 * settling])
+    gears = Gears((1e-4,) * 4, (0.0,) * 4, (0.0,) * 4, (0.0,) * 4, 2 / settling)
+    assert gears.settling == pytest.approx(settling)
 
 
 def test_beside_friction_of_any_law_no_friction_is_a_cause() -> None:

@@ -125,7 +125,9 @@ class PreparedRecording(Shown):
             noise = np.zeros_like(log.position_noise)  # noise of recorded velocities is unknown
             if not log.columns.velocity:
                 noise = log.position_noise * low_pass.speed_gain
-            directions = Directions(1 / log.rate, noise, repairs.smear(log.rate), repairs.turns)
+            settling = repairs.gears.settling if repairs.gears else 0.0
+            smear = repairs.smear(log.rate)
+            directions = Directions(1 / log.rate, noise, smear, repairs.turns, settling)
         about = (log.columns, kinematics, low_pass, directions, self.burden(kinematics.robot))
         for segment in log.segments(self.motion_cutoff):
             timed = in_time(segment, log.columns, log.rate)

@@ -67,6 +67,11 @@ class Gears:
     rotor: tuple[float, ...]
     cutoff: float
 
+    @property
+    def settling(self) -> float:
+        """Time after a step of their torques until the links' motion is known again [s]."""
+        return _PERIODS / self.cutoff
+
     def low_pass(self, rate: float) -> LowPass:
         """Filter of the gears' torques, in one stage."""
         return design_low_pass(self.cutoff, rate, single=True)
@@ -97,7 +102,7 @@ class Gears:
         low_pass, dof = self.low_pass(rate), len(self.compliance)
         filters = (low_pass.level, low_pass.first, low_pass.second)
         recorded = (columns.position, columns.velocity, columns.acceleration)
-        lost, reach = low_pass.margin, round(_PERIODS * rate / self.cutoff)
+        lost, reach = low_pass.margin, round(self.settling * rate)
         for wide in recut(segment, rows_at_once(4 * lost), 4 * lost):
             once, twice = (slice(lost * k, len(wide) - lost * k) for k in (1, 2))
             q = wide[:, 1 : 1 + dof]

@@ -45,12 +45,15 @@ class Directions:
         smear: samples to either side over which torques are interpolated; empty if none are.
         turns: speeds below which passive joints with friction may turn either way [rad/s or m/s];
             empty if their directions are certain.
+        settling: least δ of passive joints [s]: behind compliant gears their friction is a step of
+            the gears' torques, which the links' motion follows.
     """
 
     period: float
     noise: Float[np.ndarray, " dof"]
     smear: tuple[int, ...] = ()
     turns: tuple[float, ...] = ()
+    settling: float = 0.0
 
     def known(
         self,
@@ -75,6 +78,7 @@ class Directions:
             joints = passive.rates(z, qd, qdd)
             noise = np.linalg.norm(joints.slope * self.noise, axis=2)
             turns = self.turns or (0.0,) * len(passive.names)
+            apart = np.maximum(apart, self.settling)
             for k, moved_by in enumerate(passive.moved_by):
                 speed, rise = np.abs(joints.speed[:, k, None]), np.abs(joints.acceleration[:, k])
                 sure = speed > apart * rise[:, None] + SURE * noise[:, k, None] + turns[k]
