@@ -71,9 +71,9 @@ class State:
         header = kinds["std_msgs/msg/Header"](*counted, stamp=time, frame_id=self.frame)
         numbers = {key: np.ascontiguousarray(value, float) for key, value in self.numbers.items()}
         if self.dynamic:
-            one = kinds["control_msgs/msg/InterfaceValue"]
+            message_type = kinds["control_msgs/msg/InterfaceValue"]
             values = [
-                one(list(numbers), np.array([column[i] for column in numbers.values()]))
+                message_type(list(numbers), np.array([column[i] for column in numbers.values()]))
                 for i in range(len(self.joints))
             ]
             message = kinds[_DYNAMIC](header, list(self.joints), values)

@@ -169,8 +169,8 @@ def browser() -> Iterator[object]:
     """Chromium, as far as it is there."""
     from visit import chromium  # only where a browser is asked for
 
-    with chromium() as one:
-        yield one
+    with chromium() as chrome:
+        yield chrome
 
 
 @pytest.fixture(scope="session")

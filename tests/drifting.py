@@ -133,6 +133,6 @@ def days(
                 name = f"{kind}.{drive}"
                 more[name] = times * float(p[layout.names.index(name)])
         time = START + timedelta(days=every * day)
-        one = with_other(file, merging, more, f"line3-{time:%Y-%m-%d}.csv")
-        found.append(DriftRecording(one, time, temperature(day)))
+        changed = with_other(file, merging, more, f"line3-{time:%Y-%m-%d}.csv")
+        found.append(DriftRecording(changed, time, temperature(day)))
     return found

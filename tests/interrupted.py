@@ -127,10 +127,10 @@ def interrupted(
         # Friction at rest: anything up to the Coulomb friction.
         tau[rows] += rng.uniform(-0.5, 0.5, dynamics.dof) * _coulomb(dynamics, truth)
         spans.append(("standing still", rows.start, min(rows.stop, len(q)) - 1))
-    one = Interrupted(dynamics, rate, truth, z, q, tau, tuple(spans))
+    recording = Interrupted(dynamics, rate, truth, z, q, tau, tuple(spans))
     for start, end in rests if braking else ():
-        one = one.without_torque("emergency stop", start - braking, end - 0.1)
-    return one
+        recording = recording.without_torque("emergency stop", start - braking, end - 0.1)
+    return recording
 
 
 def _coulomb(dynamics: Dynamics, p: np.ndarray) -> np.ndarray:
@@ -138,11 +138,11 @@ def _coulomb(dynamics: Dynamics, p: np.ndarray) -> np.ndarray:
     return np.array([values[f"coulomb.{drive}"] for drive in dynamics.robot.drives])
 
 
-def mass_error(one: Interrupted, p: np.ndarray) -> float:
+def mass_error(recording: Interrupted, p: np.ndarray) -> float:
     """Largest |ΔM_ij| / √(M_ii M_jj) along the motion."""
-    z = one.z[:: max(1, len(one.z) // 40)]
-    q = one.dynamics.kinematics.inverse(z)
-    found, true = (one.dynamics.terms(q, np.zeros_like(q), x).M for x in (p, one.truth))
+    z = recording.z[:: max(1, len(recording.z) // 40)]
+    q = recording.dynamics.kinematics.inverse(z)
+    found, true = (recording.dynamics.terms(q, np.zeros_like(q), x).M for x in (p, recording.truth))
     scale = np.sqrt(np.einsum("sii,sjj->sij", true, true))
     return float((np.abs(found - true) / scale).max())
 
@@ -172,39 +172,39 @@ BITS = (12, 14, 16, 17, 18, 20)
 def cost_of_masks(name: str, rate: float, seed: int, settings: Settings | None = None) -> Cost:
     """A clean recording identified with all rows, and with what is left of them."""
     rng = np.random.default_rng([seed, round(rate), len(name)])
-    one = interrupted(name, rng, rate=rate, seconds=8.0)
-    one = one.measured(rng, BITS[seed % len(BITS)], 0.02, 10.0 if seed % 2 else 1.0)
+    recording = interrupted(name, rng, rate=rate, seconds=8.0)
+    recording = recording.measured(rng, BITS[seed % len(BITS)], 0.02, 10.0 if seed % 2 else 1.0)
     settings = settings or Settings()
     both = [settings.changed(keep_all=keep) for keep in (True, False)]
-    fits = [identify(name, one.frame, settings=each) for each in both]
+    fits = [identify(name, recording.frame, settings=each) for each in both]
     all_rows, masked = (uncertainty(fit.problem) for fit in fits)
-    told = [known_to.std < 0.5 * known_to.prior_std for known_to in (all_rows, masked)]
-    shown = told[0] & told[1] & (all_rows.interval > 0)
+    determined = [known_to.std < 0.5 * known_to.prior_std for known_to in (all_rows, masked)]
+    shown = determined[0] & determined[1] & (all_rows.interval > 0)
     roots = (fit.problem.estimate.noise.root for fit in fits)
     known = [np.linalg.norm(inverse(root), axis=1) for root in roots]
     return Cost(
         lost=sum(stretch.share for stretch in fits[1].model.sources[0].left_out),
         known_less=known[1] / known[0],
         widths=masked.interval[shown] / all_rows.interval[shown],
-        errors=(mass_error(one, fits[0].model.p), mass_error(one, fits[1].model.p)),
+        errors=(mass_error(recording, fits[0].model.p), mass_error(recording, fits[1].model.p)),
     )
 
 
 CLAVEL, IRB = "clavel-delta3", "irb360-6-1600"
 
 
-def opened(one: Interrupted, folder: Path, **options: bool) -> Log:
-    path = write(folder / "log.parquet", one.frame)
-    return open_log(path, one.dynamics.kinematics, **options)
+def opened(recording: Interrupted, folder: Path, **options: bool) -> Log:
+    path = write(folder / "log.parquet", recording.frame)
+    return open_log(path, recording.dynamics.kinematics, **options)
 
 
-def searched(one: Interrupted, size: int = 1 << 16) -> tuple[Mask, ...]:
+def searched(recording: Interrupted, size: int = 1 << 16) -> tuple[Mask, ...]:
     """Masks by rule, without the rest of the survey."""
-    search = MaskSearch(one.dynamics.dof, [np.inf] * one.dynamics.dof)
-    rows = one.frame.to_numpy()
+    search = MaskSearch(recording.dynamics.dof, [np.inf] * recording.dynamics.dof)
+    rows = recording.frame.to_numpy()
     for start in range(0, len(rows), size):
-        search.add(rows[start : start + size], 1 / one.rate)
-    clock = Clock(1 / one.rate, len(rows), 0.0, (len(rows) - 1) / one.rate)
+        search.add(rows[start : start + size], 1 / recording.rate)
+    clock = Clock(1 / recording.rate, len(rows), 0.0, (len(rows) - 1) / recording.rate)
     return timed(search.runs(), clock)
 
 

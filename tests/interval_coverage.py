@@ -79,10 +79,10 @@ def estimates(
     limits = np.abs(tau).max(axis=1)
     base, found = None, []
     for seed in range(seeds):
-        one = recorded(gathered, seed, seeds, limits)
-        information = merge(one.blocks)
+        groups = recorded(gathered, seed, seeds, limits)
+        information = merge(groups.blocks)
         base = base or base_parameters(information, dynamics.layout)
-        found.append(estimate_base(base, information, groups=one))
+        found.append(estimate_base(base, information, groups=groups))
     return base.combination() @ p, found
 
 

@@ -32,6 +32,6 @@ def tool_point(robot: RobotDescription, z: np.ndarray) -> np.ndarray:
     """The origin of the body that carries the tool."""
     if isinstance(robot.platform, RigidPlatform):
         return z[:3]
-    one, other = prior_oracle(robot).parts(z)
-    carrier = {"middle": z[:3], "first": one, "second": other}[robot.platform.tool_on]
+    first, second = prior_oracle(robot).parts(z)
+    carrier = {"middle": z[:3], "first": first, "second": second}[robot.platform.tool_on]
     return carrier + np.array(robot.platform.tool)

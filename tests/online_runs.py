@@ -62,8 +62,8 @@ def outputs(
     graph: StepGraph, run: Running, gripper: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """All outputs by name, and the states, cycle by cycle."""
-    told = np.full(len(run.q), UNKNOWN) if gripper is None else gripper.astype(float)
-    return outputs_of(graph, run.q, run.qd, run.tau, told)
+    signal = np.full(len(run.q), UNKNOWN) if gripper is None else gripper.astype(float)
+    return outputs_of(graph, run.q, run.qd, run.tau, signal)
 
 
 def outputs_of(graph: StepGraph, *inputs: np.ndarray) -> dict[str, np.ndarray]:

@@ -64,11 +64,11 @@ def sensor_twin(make: Make) -> SensorTwin:
 
 def _on_the_axis(rng: np.random.Generator) -> Body:
     """A part of a strut with its centre of mass on the strut's axis."""
-    one, place = random_body(rng, 0.2, 0.1), rng.uniform(0.4, 0.7)
-    c = one.mc / one.m
-    about_centre = one.inertia - one.m * (c @ c * np.eye(3) - np.outer(c, c))
-    shift = one.m * place**2 * np.diag([0.0, 1.0, 1.0])
-    return Body(one.m, np.array([one.m * place, 0.0, 0.0]), about_centre + shift)
+    body, place = random_body(rng, 0.2, 0.1), rng.uniform(0.4, 0.7)
+    c = body.mc / body.m
+    about_centre = body.inertia - body.m * (c @ c * np.eye(3) - np.outer(c, c))
+    shift = body.m * place**2 * np.diag([0.0, 1.0, 1.0])
+    return Body(body.m, np.array([body.m * place, 0.0, 0.0]), about_centre + shift)
 
 
 def _sum(a: Body, b: Body) -> Body:

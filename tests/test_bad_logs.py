@@ -230,8 +230,8 @@ def test_rows_are_counted_with_comments(tmp_path, opened, monkeypatch) -> None:
         assert f"row {bad}: column q2 is 'x'" in refusal(opened, path)
     path = write(path, "# a\n# b\n" + without_rows(150, 152).replace("\n0.1,", "\n# c\n0.1,"))
     log = opened(path)
-    (told,) = doubts_about_holes(log.clock, log.table, "t", 3, 20)
-    assert "3 rows are missing in 1 place (1 % of the recording), the first before row 153" in told
+    (doubt,) = doubts_about_holes(log.clock, log.table, "t", 3, 20)
+    assert "3 rows are missing in 1 place (1 % of the recording), the first before row 153" in doubt
 
 
 def test_later_passes_count_comments_once(tmp_path, opened) -> None:

@@ -208,8 +208,8 @@ def by_motion() -> dict[str, tuple[Verdict, ...]]:
     name, kinds = "irb360-6-1600", {"slow": {"pace": 1 / 15}, "tool rests": {"which": (0, 1, 2)}}
     found = {"usual": check(name, moved(name))}
     for key, how in kinds.items():
-        one = evidence(load_robot(name), moved(name, **how))
-        found[key] = checked_information(one)
+        moved_evidence = evidence(load_robot(name), moved(name, **how))
+        found[key] = checked_information(moved_evidence)
     return found
 
 
@@ -287,12 +287,12 @@ def test_two_recordings_are_judged_together() -> None:
     name = "irb360-6-1600"
     logs = [moved(name, which=(0, 1, 2)), moved(name, which=(2, 3))]
     result = deltaid.identify(name, logs, settings=PLAIN)
-    told = verdict_of(result.verdicts, "base-parameters")
-    assert "drive4" not in told.seen + told.cure
+    base_verdict = verdict_of(result.verdicts, "base-parameters")
+    assert "drive4" not in base_verdict.seen + base_verdict.cure
     assert "drive4" not in verdict_of(result.verdicts, "excitation").seen
     assert not any("constant" in text for text in result.model.warnings)
     found = check(name, logs)
-    assert verdict_of(found, "base-parameters").seen == told.seen
+    assert verdict_of(found, "base-parameters").seen == base_verdict.seen
     assert verdict_of(found, "excitation").seen == verdict_of(result.verdicts, "excitation").seen
     assert {verdict.subject for verdict in found if verdict.key == "velocity"} == {"arrays"}
 
@@ -312,9 +312,9 @@ def test_what_a_fit_contradicts_is_not_said_where_a_verdict_tells_why() -> None:
     log = deltaid.Recording.from_arrays(t=rows.time, q=rows.q, tau=rows.tau * [1, -1, 1])
     forced = deltaid.identify(name, log, force=True, settings=PLAIN)
     assert verdict_of(forced.verdicts, "torque-sign").grade is Grade.WRONG
-    told = " ".join(forced.model.warnings)
-    assert "contradict" not in told
-    assert "no robot has" not in told
+    warnings = " ".join(forced.model.warnings)
+    assert "contradict" not in warnings
+    assert "no robot has" not in warnings
 
 
 def test_missing_limits_are_said_of_a_description_not_of_every_recording(tmp_path: Path) -> None:

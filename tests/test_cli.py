@@ -111,18 +111,18 @@ def test_torques_that_are_not_the_models_are_reported(
         both = (folder / "log.csv", "--verify", tmp_path / "other.csv")
         outcomes.append(run("identify", ROBOT, *both))
     for outcome in outcomes:
-        told = " ".join(outcome.err.split())
+        message = " ".join(outcome.err.split())
         drives = {"order": "drive1, drive2", "sign": "drive2"}.get(mistake or "")
-        assert (f"does not predict {drives}: the error of drive" in told) == (drives is not None)
-        assert ("does not predict" in told) == (drives is not None)
+        assert (f"does not predict {drives}: the error of drive" in message) == (drives is not None)
+        assert ("does not predict" in message) == (drives is not None)
 
 
 def test_the_same_recording_twice_is_refused(folder: Path, tmp_path: Path) -> None:
     copy = write(tmp_path / "copy.csv", (folder / "log.csv").read_text())
     for command in (("identify", ROBOT), ("base", ROBOT)):
-        told = refused(*command, folder / "log.csv", copy, folder=tmp_path)
-        assert f"{copy}: is the same recording as {folder / 'log.csv'}" in told
-        assert "give each recording once" in told
+        message = refused(*command, folder / "log.csv", copy, folder=tmp_path)
+        assert f"{copy}: is the same recording as {folder / 'log.csv'}" in message
+        assert "give each recording once" in message
 
 
 def test_verifying_on_what_a_model_was_identified_from_is_reported(
@@ -134,8 +134,8 @@ def test_verifying_on_what_a_model_was_identified_from_is_reported(
     validated = run("validate", folder / "model.yaml", copy, "--report", page)
     for outcome in (verified, validated):
         assert outcome.code == 0
-        told = " ".join(outcome.err.split())
-        assert f"{copy}: the model was identified from this recording (log.csv)" in told
+        message = " ".join(outcome.err.split())
+        assert f"{copy}: the model was identified from this recording (log.csv)" in message
     assert "so it verifies nothing" in page.read_text()
     table = pl.read_csv(folder / "log.csv").head(1400)
     table.write_csv(tmp_path / "part.csv")
@@ -148,10 +148,10 @@ def test_verifying_on_what_a_model_was_identified_from_is_reported(
 
 
 @pytest.mark.parametrize(
-    ("times", "share", "told"), [(2.0, 0.3, False), (50.0, 0.05, False), (50.0, 0.3, True)]
+    ("times", "share", "is_reported"), [(2.0, 0.3, False), (50.0, 0.05, False), (50.0, 0.3, True)]
 )
 def test_a_drive_is_badly_predicted_by_both_measures(
-    times: float, share: float, told: bool
+    times: float, share: float, is_reported: bool
 ) -> None:
     """Neither an error like the identification's nor a small one says that the recording is wrong:
     friction changes with temperature, and some drives are hardly known."""
@@ -159,7 +159,7 @@ def test_a_drive_is_badly_predicted_by_both_measures(
     rms = np.array(model.fit.rms) * [1.0, times, 1.0]
     nrmse, still = np.array([0.01, share, 0.01]), np.zeros(3)
     error = TorqueError(rms, nrmse, rms, np.eye(3), still, cutoff=None, fastest=np.ones(3))
-    assert [("drive2" in text) for text in misfit(model, error)] == ([True] if told else [])
+    assert [("drive2" in text) for text in misfit(model, error)] == ([True] if is_reported else [])
 
 
 @pytest.mark.parametrize(("rms", "speed", "cause"), [(1.0, 0.0, "stands"), (0.0, 1.0, "did not")])

@@ -33,7 +33,7 @@ def test_worst_cases_are_those_of_all_samples(folder: Path) -> None:
     out = folder / "forces.csv"
     done = accepted("forces", model, motion, *OPTIONS, "-o", out, "--json")
     assert "note:" not in done.err  # the demonstration has verified it
-    told = json.loads(done.out)
+    report = json.loads(done.out)
     rows = pl.read_csv(out)
     identified = with_struts(IdentifiedModel.load(model), SPACING, SPRING)
     forces = ConstraintForces(identified.robot)
@@ -44,7 +44,7 @@ def test_worst_cases_are_those_of_all_samples(folder: Path) -> None:
     np.testing.assert_allclose(rows.to_numpy()[:, 1:], values, rtol=1e-12, atol=1e-12)
     assert rows.columns == ["t", *forces.names]
     table = {name: rows[name].to_numpy() for name in rows.columns}
-    for case in told["worst"]:
+    for case in report["worst"]:
         at = int(np.argmin(np.abs(table["t"] - case["time"])))
         assert table[case["channel"]][at] == pytest.approx(case["value"])
         strut = case["part"]
@@ -56,21 +56,21 @@ def test_worst_cases_are_those_of_all_samples(folder: Path) -> None:
             assert case["margin"] == pytest.approx(SPRING + min(ends))
         if case["kind"] == "load":
             assert abs(case["value"]) == pytest.approx(np.abs(table[case["channel"]]).max())
-    kinds = [case["kind"] for case in told["worst"]]
+    kinds = [case["kind"] for case in report["worst"]]
     assert [kinds.count(kind) for kind in ("tension", "compression", "socket")] == [6, 6, 6]
-    for name, extreme in told["extremes"].items():
+    for name, extreme in report["extremes"].items():
         assert (extreme["least"], extreme["largest"]) == pytest.approx(
             (table[name].min(), table[name].max())
         )
-    assert all(case["low"] is None and case["open"] >= 0 for case in told["worst"])
+    assert all(case["low"] is None and case["open"] >= 0 for case in report["worst"])
 
 
 def test_ranges_and_report(folder: Path) -> None:
     page = folder / "forces.html"
     command = ("forces", folder / "model.yaml", folder / "verify.csv", *OPTIONS)
     with_logs = ("--logs", folder / "identify.csv")
-    told = json_of(*command, *with_logs)
-    for case in told["worst"]:
+    report = json_of(*command, *with_logs)
+    for case in report["worst"]:
         assert case["low"] <= case["value"] <= case["high"]
         assert case["high"] > case["low"]
     done = accepted(*command, *with_logs, "--report", page, width=120)
@@ -79,10 +79,10 @@ def test_ranges_and_report(folder: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "strut3b" in text
     assert "Worst cases" in text
-    along = [c["value"] for c in told["worst"] if c["kind"] in ("tension", "compression")]
+    along = [c["value"] for c in report["worst"] if c["kind"] in ("tension", "compression")]
     assert "Good: all ball joints hold, with" in text
     assert f"forces along the struts reach from −{-min(along):#.3g} N" in text
-    turn = next(c["z"][3] for c in told["worst"] if c["kind"] == "tension")
+    turn = next(c["z"][3] for c in report["worst"] if c["kind"] == "tension")
     assert f">{np.degrees(turn):.2f}<".replace("-", "−") in text
     run(*command[:-1], 1.0, "--report", page)
     assert "Poor: a ball joint comes apart; forces along" in page.read_text(encoding="utf-8")

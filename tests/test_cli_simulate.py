@@ -214,8 +214,8 @@ def test_a_payload_and_its_uncertainty(folder: Path, tmp_path: Path) -> None:
     assert known["platform_rms"] < 0.2 * blind["platform_rms"]
     ends = [end["platform_rms"] for end in known["payload"]["ends"]]
     assert min(ends) > 1.5 * known["platform_rms"]
-    told = "current loops of 300 Hz. With a load of 1.5 kg, of which the controller knows"
-    assert told in page.read_text(encoding="utf-8")
+    sentence = "current loops of 300 Hz. With a load of 1.5 kg, of which the controller knows"
+    assert sentence in page.read_text(encoding="utf-8")
     brief = ("simulate", ROBOT, folder / "shorter.csv", *command[3:])
     text = run(*brief, *load, "--payload-known").out
     assert "with a load of 1.5 kg, of which the controller knows 1.5 kg" in text
@@ -224,8 +224,8 @@ def test_a_payload_and_its_uncertainty(folder: Path, tmp_path: Path) -> None:
 
 def test_a_comparison_with_a_load(folder: Path) -> None:
     arguments = ("compare-controllers", folder / "model.yaml", folder / "shorter.csv", "--plant")
-    told = json_of(*arguments, folder / "truth.yaml", "--payload", "1+-0.1")
-    runs = {(run["controller"], run["model"]): run for run in told["runs"]}
+    comparison = json_of(*arguments, folder / "truth.yaml", "--payload", "1+-0.1")
+    runs = {(run["controller"], run["model"]): run for run in comparison["runs"]}
     blind = runs["pd-feedforward", "identified"]
     known = runs["pd-feedforward", "identified, load known"]
     assert known["platform_rms"] < 0.2 * blind["platform_rms"]

@@ -88,8 +88,8 @@ def test_wild_stamps_are_excluded_and_reported(clavel: Dynamics) -> None:
     }  # fmt: skip
     assert log.rate == pytest.approx(1000)
     assert log.clock.jitter < 1e-9
-    told = "t of 3 rows are far off the stamps before and after, the first in row 31: excluded; "
-    assert log.warnings[0].startswith(told)
+    message = "t of 3 rows are far off the stamps before and after, the first in row 31: excluded; "
+    assert log.warnings[0].startswith(message)
     assert with_filter(log, 30.0).clock.segments == 1
     assert with_filter(log, 30.0).clock.out_of_place == 0
 
@@ -139,9 +139,9 @@ def test_a_column_that_jumps_about_is_no_time(share: float, clavel: Dynamics) ->
     stamps = whole["t"].to_numpy().copy()
     rows = rng.choice(np.arange(1, 3000), int(share * 3000), replace=False)
     stamps[rows] = rng.uniform(50, 100, len(rows)) if share < 0.5 else rng.uniform(0, 3, len(rows))
-    with pytest.raises(RecordingError, match="it is no time") as told:
+    with pytest.raises(RecordingError, match="it is no time") as caught:
         opened(whole, stamps, np.arange(3000), clavel)
-    assert "give the sampling rate in its place" in str(told.value)
+    assert "give the sampling rate in its place" in str(caught.value)
 
 
 def test_a_block_of_wild_stamps_names_its_row(clavel: Dynamics) -> None:
@@ -159,8 +159,8 @@ def test_time_that_hardly_runs_is_refused(clavel: Dynamics) -> None:
     seconds, once = np.floor(whole["t"].to_numpy()), np.zeros(4000)
     once[200] = 7.5e-320
     for stamps, steps in ((seconds, 3), (once, 1)):
-        told = f"column t changes in only {steps} of 4000 rows, too few"
-        with pytest.raises(RecordingError, match=told):
+        message = f"column t changes in only {steps} of 4000 rows, too few"
+        with pytest.raises(RecordingError, match=message):
             opened(whole, stamps, np.arange(4000), clavel)
     with pytest.raises(RecordingError, match=r"a sampling rate of .* Hz; at most"):
         opened(whole, 1e-310 * np.arange(4000) ** 1.1, np.arange(4000), clavel)

@@ -110,8 +110,8 @@ def test_time_that_starts_again_begins_a_segment(clavel: Dynamics) -> None:
     time = np.where(rows.at < 3000, rows.time, rows.time - 3.0)
     log = opened(Rows(rows.frame, rows.at, time), clavel)
     assert holes_of(log.clock) == {3000: -1}
-    (told,) = with_filter(log).log.warnings
-    assert told.startswith("time starts again in 1 place, the first in row 3001: a new segment")
+    (warning,) = with_filter(log).log.warnings
+    assert warning.startswith("time starts again in 1 place, the first in row 3001: a new segment")
 
 
 @pytest.mark.parametrize("rate", [2000.0, 4000.0, 7300.0])
@@ -208,10 +208,10 @@ def test_no_window_holds_rows_of_both_sides_of_a_gap(clavel: Dynamics) -> None:
 
 def test_stretches_that_are_too_short_are_reported(clavel: Dynamics) -> None:
     rows = even(1000.0).gap(2.0, 0.1).gap(2.15, 0.1)
-    told = with_filter(opened(rows, clavel), 30.0).log.warnings
-    assert "2 gaps of up to 100 ms (2 to 2.1 s, 2.15 to 2.25 s): no filter" in told[0]
-    assert "1 of 3 stretches between gaps are shorter than the 429 samples" in told[1]
-    assert "and excluded: 0.88 % of the recording; likeliest cause: gaps follow" in told[1]
+    warnings = with_filter(opened(rows, clavel), 30.0).log.warnings
+    assert "2 gaps of up to 100 ms (2 to 2.1 s, 2.15 to 2.25 s): no filter" in warnings[0]
+    assert "1 of 3 stretches between gaps are shorter than the 429 samples" in warnings[1]
+    assert "and excluded: 0.88 % of the recording; likeliest cause: gaps follow" in warnings[1]
 
 
 def test_what_was_done_is_reported_in_numbers(clavel: Dynamics) -> None:

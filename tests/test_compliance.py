@@ -161,15 +161,18 @@ def test_rows_near_brakes_do_not_count() -> None:
 def test_compliances_are_detected_and_corrected() -> None:
     dynamics, p, table = wound()
     found = fitted(1.0)
-    told = [correction for correction in found.model.corrections if correction.kind == "compliance"]
-    assert [correction.subject for correction in told] == list(dynamics.robot.drives)
-    values = np.array([correction.value for correction in told])
+    corrections = [
+        correction for correction in found.model.corrections if correction.kind == "compliance"
+    ]
+    assert [correction.subject for correction in corrections] == list(dynamics.robot.drives)
+    values = np.array([correction.value for correction in corrections])
     np.testing.assert_allclose(values, 1 / STIFFNESS, rtol=0.1)
     low, high = (
-        np.array([getattr(correction, side) for correction in told]) for side in ("low", "high")
+        np.array([getattr(correction, side) for correction in corrections])
+        for side in ("low", "high")
     )
     assert np.all((low > 0) & (low < values) & (values < high))
-    assert {correction.unit for correction in told} == {"rad/(N m)"}
+    assert {correction.unit for correction in corrections} == {"rad/(N m)"}
     assert mass_error(dynamics, found.model.p, p) < 0.005
     stiff = replace(found.recordings[0], repairs=Repairs())
     wrong = fit(dynamics, [stiff], found.model.settings)
@@ -338,9 +341,15 @@ def test_a_stiffness_that_is_stated_is_applied() -> None:
     named = dict(zip(dynamics.robot.drives, STIFFNESS.tolist(), strict=True))
     robot = dynamics.robot.model_copy(update={"gear_stiffness": named})
     setup = at_stage(robot, table, Settings(compliance="none", effects="none"))
-    told = [correction for correction in setup.corrections if correction.kind == "compliance"]
-    np.testing.assert_allclose([correction.value or 0.0 for correction in told], 1 / STIFFNESS)
-    assert all("as stated" in correction.text and correction.low is None for correction in told)
+    corrections = [
+        correction for correction in setup.corrections if correction.kind == "compliance"
+    ]
+    np.testing.assert_allclose(
+        [correction.value or 0.0 for correction in corrections], 1 / STIFFNESS
+    )
+    assert all(
+        "as stated" in correction.text and correction.low is None for correction in corrections
+    )
     assert mass_error(dynamics, fit(dynamics, setup.recordings, Settings()).p, p) < 0.003
 
 
@@ -395,8 +404,8 @@ def test_a_law_that_is_missing_is_no_compliance() -> None:
 
 def test_a_stiffness_is_of_a_drive_that_is_there() -> None:
     robot = load_robot("clavel-delta3")
-    one = robot.changed(gear_stiffness=2e4)
-    assert [one.stiffness(drive) for drive in one.drives] == [2e4, 2e4, 2e4]
+    uniform = robot.changed(gear_stiffness=2e4)
+    assert [uniform.stiffness(drive) for drive in uniform.drives] == [2e4, 2e4, 2e4]
     two = robot.changed(gear_stiffness={"drive2": 5e3})
     assert [two.stiffness(drive) for drive in two.drives] == [np.inf, 5e3, np.inf]
     with pytest.raises(
@@ -422,10 +431,10 @@ def test_motors_lose_as_much_as_both_directions_on_average() -> None:
 @pytest.mark.parametrize("motor", ["viscous", "coulomb", "rotor"])
 def test_torques_become_those_of_a_motor_at_the_link(motor: str) -> None:
     values = {name: (2.0 if name == motor else 0.0,) for name in ("viscous", "coulomb", "rotor")}
-    one = Gears((1e-4,), **values, cutoff=30.0)
+    drive_gears = Gears((1e-4,), **values, cutoff=30.0)
     qd, qdd, ahead, faster = (np.array([[x]]) for x in (0.3, 5.0, 0.5, 7.0))
     expected = {"viscous": 2.0 * 0.5, "coulomb": 4.0, "rotor": 2.0 * 7.0}[motor]
-    np.testing.assert_allclose(one.less(qd, qdd, ahead, faster), [[expected]])
+    np.testing.assert_allclose(drive_gears.less(qd, qdd, ahead, faster), [[expected]])
 
 
 @pytest.mark.parametrize(("gears_leave", "believed"), [(0.2, True), (0.8, False)])
@@ -433,11 +442,11 @@ def test_gears_stand_in_the_place_of_a_load_where_they_leave_less(
     gears_leave: float, believed: bool
 ) -> None:
     def study(scale: float, load: float) -> Mock:
-        one = Mock(spec=Study, fit=Mock(), account=Mock())
-        one.fit.rows.scale = np.full(3, scale)
-        one.account.left = np.full(4, np.sqrt((1.0 - load) / 4))
-        one.account.detected = [Mock(gain=load, candidate=Mock(kind="load-change"))]
-        return one
+        mock = Mock(spec=Study, fit=Mock(), account=Mock())
+        mock.fit.rows.scale = np.full(3, scale)
+        mock.account.left = np.full(4, np.sqrt((1.0 - load) / 4))
+        mock.account.detected = [Mock(gain=load, candidate=Mock(kind="load-change"))]
+        return mock
 
     before, after = study(1.0, 0.5), study(float(np.sqrt(gears_leave)), 0.0)
     setup = Mock(spec=Setup, studies=(before,))

@@ -176,7 +176,7 @@ def test_limbs_at_right_angles_are_a_robot() -> None:
 @pytest.mark.parametrize("name", swept(KINDS, "linear-delta", "h4"))
 def test_a_strut_that_cannot_close_is_named_with_file_and_line(name, tmp_path) -> None:
     """The geometry of the loaded file against the limits of the symbolic kinematics."""
-    told, strut = 0, load_robot(name).limbs.strut
+    refusals, strut = 0, load_robot(name).limbs.strut
     for strut_now in np.round(np.array([0.1, 0.3, 0.6, 0.8, 1.3, 2.5, 6.0]) * strut, 3):
         text = re.sub(r"(?m)^  strut: .*", f"  strut: {strut_now}", catalogue_text(name))
         try:
@@ -189,12 +189,12 @@ def test_a_strut_that_cannot_close_is_named_with_file_and_line(name, tmp_path) -
         if np.all(np.array(reach) > 0):
             load_robot(tmp_path / "robot.yaml")
             continue
-        told += 1
+        refusals += 1
         with pytest.raises(
             DescriptionError, match=r"robot\.yaml: line \d+, limbs\.strut: limb \d "
         ):
             load_robot(tmp_path / "robot.yaml")
-    assert told
+    assert refusals
 
 
 def test_a_strut_that_is_merged_in_has_the_line_of_the_merge(tmp_path) -> None:

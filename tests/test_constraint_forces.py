@@ -118,13 +118,17 @@ def test_without_spacing_the_sum_of_a_pair() -> None:
     single, sums = ConstraintForces(robot), ConstraintForces(spaced(robot, None))
     assert sums.struts == ("strut1", "strut2", "strut3")
     assert "strut_spacing" in sums.note
-    one, both = (f.evaluate(z, qd, qdd, p) for f in (single, sums))
+    single_forces, pair_forces = (f.evaluate(z, qd, qdd, p) for f in (single, sums))
     for i in (1, 2, 3):
         for end in ("platform.x", "platform.z", "elbow.x", "elbow.moment"):
-            pair = sum(one[:, single.index(f"strut{i}{s}.{end}")] for s in "ab")
-            np.testing.assert_allclose(both[:, sums.index(f"strut{i}.{end}")], pair, atol=1e-9)
+            pair = sum(single_forces[:, single.index(f"strut{i}{s}.{end}")] for s in "ab")
+            np.testing.assert_allclose(
+                pair_forces[:, sums.index(f"strut{i}.{end}")], pair, atol=1e-9
+            )
         name = f"motor{i}.force.x"
-        np.testing.assert_allclose(both[:, sums.index(name)], one[:, single.index(name)])
+        np.testing.assert_allclose(
+            pair_forces[:, sums.index(name)], single_forces[:, single.index(name)]
+        )
         assert f"motor{i}.moment.x" not in sums.names
 
 

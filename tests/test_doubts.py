@@ -58,28 +58,28 @@ def test_noise_alone_raises_no_doubts() -> None:
 
 
 def test_a_drive_that_friction_pushes_is_of_no_robot() -> None:
-    (told,) = warnings_of(lambda tau, qd: tau - [4.0, 0.0, 0.0] * qd)
-    assert "the torque error that is possible without physical consistency" in told
+    (warning,) = warnings_of(lambda tau, qd: tau - [4.0, 0.0, 0.0] * qd)
+    assert "the torque error that is possible without physical consistency" in warning
 
 
 def test_a_prior_that_is_asked_to_weigh_much_is_the_likeliest_cause_of_a_poor_fit() -> None:
-    told = warnings_of(lambda tau, _: tau, light="U", gamma=1.0)
-    assert any("the given γ of 1 weighs the prior too much" in text for text in told)
-    assert not any("only negative masses" in text for text in told)
+    warnings = warnings_of(lambda tau, _: tau, light="U", gamma=1.0)
+    assert any("the given γ of 1 weighs the prior too much" in text for text in warnings)
+    assert not any("only negative masses" in text for text in warnings)
 
 
 def test_torques_of_another_scale_are_reported_with_it_and_not_by_what_had_to_grow() -> None:
-    (told,) = warnings_of(lambda tau, _: 30 * tau)
-    assert float(re.search(r"torques are ([\d.]+) times", told)[1]) == pytest.approx(30, rel=0.3)
-    assert "unit, torque constant or gear" in told
-    assert "had to grow" not in told
+    (warning,) = warnings_of(lambda tau, _: 30 * tau)
+    assert float(re.search(r"torques are ([\d.]+) times", warning)[1]) == pytest.approx(30, rel=0.3)
+    assert "unit, torque constant or gear" in warning
+    assert "had to grow" not in warning
 
 
 def test_a_mass_that_had_to_grow_is_named_where_nothing_better_is_known() -> None:
     """One body alone is far too light in its prior, so that torques are of the right scale."""
-    (told,) = warnings_of(lambda tau, _: tau, light="U")
-    assert re.match(r"U\.m had to grow from 0\.\d+ to \d", told)
-    assert "the prior is too light" in told
+    (warning,) = warnings_of(lambda tau, _: tau, light="U")
+    assert re.match(r"U\.m had to grow from 0\.\d+ to \d", warning)
+    assert "the prior is too light" in warning
 
 
 def test_a_mass_that_grew_beside_what_is_unexplained_is_no_wrong_prior() -> None:

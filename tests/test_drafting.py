@@ -197,7 +197,7 @@ class Scripted:
     """Answers by key, in the order of being asked; then takes what is offered."""
 
     def __init__(self, **answers: list[str]) -> None:
-        self.answers, self.told, self.asked = answers, list[str](), list[str]()
+        self.answers, self.messages, self.asked = answers, list[str](), list[str]()
 
     def ask(self, question: Question, offer: tuple[float, str] | None) -> str:
         self.asked.append(question.key)
@@ -205,7 +205,7 @@ class Scripted:
         return mine.pop(0) if mine else ""
 
     def tell(self, error: DeltaidError) -> None:
-        self.told.append(str(error))
+        self.messages.append(str(error))
 
 
 def test_wrong_answers_are_asked_again() -> None:
@@ -217,12 +217,12 @@ def test_wrong_answers_are_asked_again() -> None:
     assert [done.values[key] for key in SIZED] == list(SIZED.values())
     assert done.values["torque"] == 14
     assert (done.origins["arm"], done.origins["arm_mass"]) == ("given", "assumed")
-    text = " ".join(someone.told)
+    text = " ".join(someone.messages)
     for words in ("no unit for this", "is not a number", "is it 160 mm?", "cannot reach", "sink"):
         assert words in text
     # A group that does not go together is asked again as a whole, other groups are not.
     assert (someone.asked.count("swing"), someone.asked.count("arm_mass")) == (2, 1)
-    assert len(someone.told) == 6
+    assert len(someone.messages) == 6
 
 
 def test_what_is_given_is_not_asked() -> None:

@@ -60,12 +60,12 @@ def drift(months: list[DriftRecording], model: IdentifiedModel) -> RobotDrift:
 
 def test_the_drive_that_drifts_is_found_and_no_other(drift: RobotDrift) -> None:
     assert [finding.state for finding in drift.findings] == ["steady", "rising", "steady"]
-    one = drift.findings[1]
-    low, high = drift.date(one.change.low), drift.date(one.change.high)
+    rising = drift.findings[1]
+    low, high = drift.date(rising.change.low), drift.date(rising.change.high)
     assert low <= START + timedelta(days=ONSET) <= high
-    assert one.rate.low < 0.03 < one.rate.high
+    assert rising.rate.low < 0.03 < rising.rate.high
     truth = START + timedelta(days=ONSET + 30.4375 * np.log(1.5) / 0.03)
-    assert drift.date(one.horizon.low) < truth < drift.date(one.horizon.high)
+    assert drift.date(rising.horizon.low) < truth < drift.date(rising.horizon.high)
     assert "0.1 a robot-year over 3 drives" in drift.bound
     for finding in drift.findings:
         assert finding.temperature.low < SLOPE < finding.temperature.high
@@ -180,10 +180,10 @@ def test_the_command(folder: Path, model: IdentifiedModel, tmp_path: Path) -> No
     assert "at most 0.1 a robot-year" in done.out
     assert "no temperature" in done.out
     assert len(pl.read_parquet(out)) == 3
-    told = json_of("drift", ROBOT, folder)
-    assert told["recordings"] == 30
-    assert [drive["drive"] for drive in told["drives"]]
-    assert told["drives"][0]["state"] in ("steady", "unknown")
+    report = json_of("drift", ROBOT, folder)
+    assert report["recordings"] == 30
+    assert [drive["drive"] for drive in report["drives"]]
+    assert report["drives"][0]["state"] in ("steady", "unknown")
 
 
 def test_what_the_command_refuses(folder: Path, tmp_path: Path) -> None:
@@ -240,9 +240,9 @@ def test_a_limit_is_a_share_a_torque_or_a_force(limit: str, number: float, kind:
 def test_what_cannot_be_is_refused(
     limit: str, false_alarms: float, since: str, where: str, words: str
 ) -> None:
-    with pytest.raises(DeltaidError, match=words) as told:
+    with pytest.raises(DeltaidError, match=words) as caught:
         drift_settings(limit, false_alarms, since)
-    assert told.value.where == where
+    assert caught.value.where == where
 
 
 def test_a_limit_that_is_no_number_is_refused() -> None:

@@ -61,13 +61,13 @@ def test_the_alarm_goes_by_marginal_likelihoods_of_all_changes() -> None:
     found = _evidence(days, y[None], variance[None], changes)
 
     nu = FREEDOM + len(y) - 1  # a level that may be anywhere takes one
-    apart, one = np.abs(days[:, None] - days), np.ones(25)
+    apart, ones = np.abs(days[:, None] - days), np.ones(25)
     total, none = 0.0, 0.0
     for k, (T, share, usual) in enumerate(
         zip(SCATTER.memory, SCATTER.share, SCATTER.usual, strict=True)
     ):
         V = share * np.exp(-apart / T) + (1 - share) * np.diag(variance)
-        C = V + flat**2 * np.outer(one, one)
+        C = V + flat**2 * np.outer(ones, ones)
 
         def likelihood(C: np.ndarray) -> tuple[float, float]:
             r = FREEDOM * SIZE**2 + y @ np.linalg.solve(C, y)
@@ -76,7 +76,7 @@ def test_the_alarm_goes_by_marginal_likelihoods_of_all_changes() -> None:
         plain, r = likelihood(C)
         none += usual * plain
         np.testing.assert_allclose(found.sigma[k, 0], np.sqrt(r / nu), rtol=1e-5)
-        level = 1 / (one @ np.linalg.solve(V, one))
+        level = 1 / (ones @ np.linalg.solve(V, ones))
         np.testing.assert_allclose(found.covariance[k, 0], level * r / nu, rtol=1e-5)
         for a, onset in enumerate(changes.onsets):
             ramp = changes.is_ramp[a]
@@ -142,8 +142,8 @@ def test_a_tool_change_errs_as_it_says() -> None:
     z = []
     for _ in range(60):
         mass = rng.standard_normal(40) + 9.0 * (days >= 15)
-        (one,) = tool_changes(days, mass, np.full(40, 0.1), 40.0)
-        z.append((one.mass - 9.0) / one.std)
+        (tool_change,) = tool_changes(days, mass, np.full(40, 0.1), 40.0)
+        z.append((tool_change.mass - 9.0) / tool_change.std)
     assert np.std(z) == pytest.approx(1.0, abs=0.18)  # 60 draws tell it to 9 %
 
 

@@ -172,26 +172,26 @@ def test_steady_fleets_are_left_alone_and_drift_is_found() -> None:
 def test_what_is_said_holds_the_truth(change, state: str) -> None:
     days, T, y = _series(np.random.default_rng(4), 1)
     y[0, 0] += change(days)
-    one = finding(_looked(days, T, y, 140), 0, DriftSettings(limit=1.2), 3)
-    assert one.state == state
-    slope = one.temperature
+    drive_finding = finding(_looked(days, T, y, 140), 0, DriftSettings(limit=1.2), 3)
+    assert drive_finding.state == state
+    slope = drive_finding.temperature
     assert -0.015 < slope.low < slope.high < -0.003
     if state == "steady":
-        assert one.change.value is None
-        assert one.horizon.value is None
-        assert one.rate.low < 0.0 < one.rate.high
+        assert drive_finding.change.value is None
+        assert drive_finding.horizon.value is None
+        assert drive_finding.rate.low < 0.0 < drive_finding.rate.high
         return
-    assert one.change.low - 1 <= 60 <= one.change.high + 1
+    assert drive_finding.change.low - 1 <= 60 <= drive_finding.change.high + 1
     if state == "stepped":
-        assert one.step.low < np.expm1(0.06) < one.step.high
-        assert one.rate.value is None
+        assert drive_finding.step.low < np.expm1(0.06) < drive_finding.step.high
+        assert drive_finding.rate.value is None
         return
     rate = np.expm1(0.03 if state == "rising" else -0.04)
-    assert one.rate.low < rate < one.rate.high
+    assert drive_finding.rate.low < rate < drive_finding.rate.high
     if state == "rising":
         truth = 60 + MONTH * np.log(1.2) / 0.03
-        assert one.horizon.low < truth < one.horizon.high
-        assert one.limit == pytest.approx(1.2 * one.level)
+        assert drive_finding.horizon.low < truth < drive_finding.horizon.high
+        assert drive_finding.limit == pytest.approx(1.2 * drive_finding.level)
 
 
 def test_without_temperature_a_season_is_no_drift_and_that_is_said() -> None:
@@ -199,11 +199,13 @@ def test_without_temperature_a_season_is_no_drift_and_that_is_said() -> None:
     days, T, y = _series(rng, 12)
     found = _looked(days, T, y, 140, known=False)
     assert np.sum(found.evidence.R >= 30.0) <= 1
-    one = finding(found, 0, DriftSettings(), 3)
-    assert one.temperature.value is None
-    assert "no temperature is known" in one.reason
+    drive_finding = finding(found, 0, DriftSettings(), 3)
+    assert drive_finding.temperature.value is None
+    assert "no temperature is known" in drive_finding.reason
     known = finding(_looked(days, T, y, 140), 0, DriftSettings(), 3)
-    assert one.rate.high - one.rate.low > 2.0 * (known.rate.high - known.rate.low)
+    assert drive_finding.rate.high - drive_finding.rate.low > 2.0 * (
+        known.rate.high - known.rate.low
+    )
 
 
 def _few(change: np.ndarray, known: bool, seed: int, apart: float = 7.0, drives: int = 3):
@@ -303,13 +305,13 @@ def test_a_drive_that_tells_nothing_is_unknown_and_disturbs_no_other() -> None:
     days, T, y = _series(np.random.default_rng(6), 1)
     y[0, 1] = np.nan
     found = _looked(days, T, y, 140)
-    one, other = (finding(found, i, DriftSettings(limit=1.5), 3) for i in (1, 0))
-    assert one.state == "unknown"
-    assert one.recordings == 0
-    assert np.isnan(one.level)
-    assert one.limit is None
-    assert "no recording determines" in one.reason
-    assert other.state == "steady"
+    unknown, steady = (finding(found, i, DriftSettings(limit=1.5), 3) for i in (1, 0))
+    assert unknown.state == "unknown"
+    assert unknown.recordings == 0
+    assert np.isnan(unknown.level)
+    assert unknown.limit is None
+    assert "no recording determines" in unknown.reason
+    assert steady.state == "steady"
 
 
 def test_one_recording_is_no_error() -> None:

@@ -224,9 +224,9 @@ def test_every_cause_of_a_mixture_changes_what_is_recorded(name: str) -> None:
     happening = replace(undisturbed(case_of("force").happenings[0]), duration=6.0)
     cause, _, largest = MIXED[name]
     start = Made(happening, Sensors())
-    one = cause(start, np.random.default_rng(5), largest)
-    assert len(one.words) == 1
-    plain, changed = (x.sensors.recorded(x.happening).to_numpy() for x in (start, one))
+    made = cause(start, np.random.default_rng(5), largest)
+    assert len(made.words) == 1
+    plain, changed = (x.sensors.recorded(x.happening).to_numpy() for x in (start, made))
     assert np.all(np.isfinite(changed))
     assert np.abs(changed - plain).max() > 0
 

@@ -81,12 +81,14 @@ def test_a_fit_without_contacts_is_that_of_a_clean_recording(tmp_path) -> None:
     (source,) = without.model.sources
     assert len(source.events) == len(PUSHES)
     assert [stretch.reason for stretch in source.left_out].count("contact") == 1
-    (told,) = [
+    (contact_correction,) = [
         correction for correction in without.model.corrections if correction.kind == "contact"
     ]
-    assert told.value == pytest.approx(sum(e.end - e.start for e in source.events), rel=1e-6)
-    assert "5 times" in told.text
-    assert "4.34" in told.text
+    assert contact_correction.value == pytest.approx(
+        sum(e.end - e.start for e in source.events), rel=1e-6
+    )
+    assert "5 times" in contact_correction.text
+    assert "4.34" in contact_correction.text
     (all_of_it,) = with_all.model.sources
     assert not all_of_it.events
     assert not with_all.recordings[0].repairs.left_out

@@ -32,9 +32,9 @@ def test_a_push_is_found_wherever_it_is(start: float | None) -> None:
     setting = moving(CLAVEL)
     forces = () if start is None else (Force(start, start + 0.08, (0.0, 50.0, 90.0)),)
     result = identify(CLAVEL, recorded(setting, torques(setting, forces)), settings=PLAIN)
-    one = result.recordings[0]
-    assert not one.excerpt.whole
-    assert one.excerpt.stretches[-1][-1, 0] < 5.0
+    recording = result.recordings[0]
+    assert not recording.excerpt.whole
+    assert recording.excerpt.stretches[-1][-1, 0] < 5.0
     events = [event for source in result.model.sources for event in source.events]
     assert [event.reason for event in events] == ["contact"] * len(forces)
     for event, force in zip(events, forces, strict=True):

@@ -244,5 +244,5 @@ def test_a_picture_without_matplotlib_is_refused_before_any_work(tmp_path, monke
 def test_choices_of_the_command_line_are_those_of_the_package(command, option, kind) -> None:
     outcome = run(command, "clavel-delta3", "log.csv", option, "nothing")
     assert outcome.code == 2
-    told = "".join(outcome.err.replace("│", "").split())
-    assert ",".join(f"'{name}'" for name in get_args(kind)) in told
+    message = "".join(outcome.err.replace("│", "").split())
+    assert ",".join(f"'{name}'" for name in get_args(kind)) in message

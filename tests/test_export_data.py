@@ -180,10 +180,10 @@ def test_command_refuses(tmp_path: Path) -> None:
         (str(robot), "npz", "a.npz"): "robot.npz",
     }
     for (name, target, output), message in cases.items():
-        told = refused("export", name, "--to", target, "-o", tmp_path / output, folder=tmp_path)
-        assert message in told.replace("\n", " ")
-    told = refused("export", "clavel-delta3", "--to", "c", "-o", "", folder=tmp_path)
-    assert "-o '': nothing is given" in told  # of a variable that was never set
+        refusal = refused("export", name, "--to", target, "-o", tmp_path / output, folder=tmp_path)
+        assert message in refusal.replace("\n", " ")
+    refusal = refused("export", "clavel-delta3", "--to", "c", "-o", "", folder=tmp_path)
+    assert "-o '': nothing is given" in refusal  # of a variable that was never set
     outcome = run("export", "clavel-delta3", "--to", "step", "-o", tmp_path / "a.c")
     assert outcome.code == 2
     assert "step" in outcome.err
@@ -243,9 +243,9 @@ def test_friction_that_a_target_lacks_is_refused_or_excluded(tmp_path: Path) -> 
     robot.write_text(text.replace(law, f"{law}, load: 0.1"), encoding="utf-8")
     for target in ("mjcf", "urdf"):
         output = tmp_path / f"robot{TARGETS[target].suffixes[0]}"
-        told = refused("export", robot, "--to", target, "-o", output, folder=tmp_path)
-        assert "has load.drive1" in told.replace("\n", " ")
-        assert "--without-friction" in told
+        refusal = refused("export", robot, "--to", target, "-o", output, folder=tmp_path)
+        assert "has load.drive1" in refusal.replace("\n", " ")
+        assert "--without-friction" in refusal
         accepted("export", robot, "--to", target, "-o", output, "--without-friction")
         output.unlink()
         done = accepted("export", robot, "--to", target, "-o", output, "--plain-friction")
@@ -261,8 +261,8 @@ def test_friction_that_a_target_lacks_is_refused_or_excluded(tmp_path: Path) -> 
 def test_command_does_not_overwrite_its_model(tmp_path: Path) -> None:
     model = tmp_path / "model.npz"
     model.write_text(accepted("robots", "clavel-delta3").out)
-    told = refused("export", model, "--to", "npz", "-o", model, folder=tmp_path)
-    assert "would overwrite an input" in told
+    refusal = refused("export", model, "--to", "npz", "-o", model, folder=tmp_path)
+    assert "would overwrite an input" in refusal
 
 
 def test_functions_of_jax_without_jax(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -134,8 +134,8 @@ def test_a_prior_has_no_contacts_and_says_so(tmp_path: Path) -> None:
 def test_settings_without_the_function(tmp_path: Path) -> None:
     for option in ("--rate", "--payload-max", "--false-alarms"):
         asked = ("export", ROBOT, "--to", "c", "-o", tmp_path / "r.c", option, "500")
-        told = refused(*asked, folder=tmp_path)
-        assert f"{option}: is of the function online, which is not asked for" in told
+        refusal = refused(*asked, folder=tmp_path)
+        assert f"{option}: is of the function online, which is not asked for" in refusal
     with pytest.raises(DeltaidError, match="has no further function"):
         export(ROBOT, "c", tmp_path / "r.c", functions=["on-line"])
 

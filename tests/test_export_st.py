@@ -247,10 +247,10 @@ def of_graph(output: ca.SX, **inputs: ca.SX) -> Program:
 
 def test_every_operation_of_a_kernel_that_structured_text_has() -> None:
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
-    one = [ca.sin, ca.cos, ca.asin, ca.acos, ca.atan, ca.exp, ca.log, ca.sqrt, ca.fabs, ca.sign]
-    two = [ca.atan2, ca.power, ca.fmin, ca.fmax, ca.copysign, ca.logic_and, ca.logic_or]
-    two += [ca.lt, ca.le, ca.eq, ca.ne]
-    values = [f(a) for f in one] + [f(a, b) for f in two]
+    unary = [ca.sin, ca.cos, ca.asin, ca.acos, ca.atan, ca.exp, ca.log, ca.sqrt, ca.fabs, ca.sign]
+    binary = [ca.atan2, ca.power, ca.fmin, ca.fmax, ca.copysign, ca.logic_and, ca.logic_or]
+    binary += [ca.lt, ca.le, ca.eq, ca.ne]
+    values = [f(a) for f in unary] + [f(a, b) for f in binary]
     values += [ca.if_else(a > b, a, b), 1 / a, -a, a * a, a + a, a**2.5, a**3, a / b]
     values.append(ca.logic_not(b))
     output = ca.vertcat(*values)

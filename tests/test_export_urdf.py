@@ -194,6 +194,6 @@ def test_command_writes_both_files_or_none(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"a.urdf", "a.loops.json"}
     pin.buildModelFromUrdf(str(tmp_path / "a.urdf"))
     (tmp_path / "b.loops.json").mkdir()
-    told = refused("export", "irb360-6-1600", "--to", "urdf", "-o", tmp_path / "b.urdf",
+    refusal = refused("export", "irb360-6-1600", "--to", "urdf", "-o", tmp_path / "b.urdf",
                    folder=tmp_path)  # fmt: skip
-    assert "b.loops.json" in told
+    assert "b.loops.json" in refusal

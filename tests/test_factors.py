@@ -261,8 +261,8 @@ def test_laws_that_a_recording_asks_for_are_those_of_its_factors(law) -> None:
     robot = load_robot(ROBOT)
     joints = {joint: friction.changed(**law) for joint, friction in robot.friction.items()}
     log = recording(5, robot.changed(friction=joints), duration=8.0, rate=1000.0)
-    one = gathered(robot, log, settings=SETTINGS)
-    expected, own = one.record.model, identify_gathered(robot, [one], SETTINGS).model
+    file = gathered(robot, log, settings=SETTINGS)
+    expected, own = file.record.model, identify_gathered(robot, [file], SETTINGS).model
     assert own.robot.friction == expected.robot.friction
     np.testing.assert_allclose(own.fit.rms, expected.fit.rms, rtol=0.1)
     kinematics = compiled(robot).kinematics

@@ -210,7 +210,7 @@ def test_a_drive_may_turn_in_place(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("coordinates: [x], ", "", "has 1 drive, so say which coordinates"),
         ("coordinates: [x]", "coordinates: [x, z]", "has 1 drives, but 2 coordinates"),
@@ -220,8 +220,8 @@ def test_a_drive_may_turn_in_place(tmp_path: Path):
         ("shape: box, x: [-0.1, 0.3]", "shape: hemisphere, radius: 1, top: 0", "only along x"),
     ],
 )
-def test_coordinates_and_workspace_go_together(tmp_path: Path, old: str, new: str, told: str):
-    with pytest.raises(DescriptionError, match=told.replace("[", "\\[")):
+def test_coordinates_and_workspace_go_together(tmp_path: Path, old: str, new: str, message: str):
+    with pytest.raises(DescriptionError, match=message.replace("[", "\\[")):
         robot_from(tmp_path, SLED, SLED_ROBOT.replace(old, new))
 
 

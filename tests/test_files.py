@@ -169,9 +169,9 @@ def test_a_command_that_is_ended_leaves_nothing(tmp_path: Path, number: int) -> 
     assert process.stdout.readline() == "waiting\n"
     assert len(listing(tmp_path)) == 2
     process.send_signal(number)
-    _, told = process.communicate(timeout=60)
+    _, stderr = process.communicate(timeout=60)
     assert process.returncode == 128 + number
-    assert "Traceback" not in told
+    assert "Traceback" not in stderr
     assert listing(tmp_path) == []
 
 

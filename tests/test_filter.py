@@ -145,9 +145,9 @@ def test_stages_of_a_high_rate() -> None:
         folded = np.abs(frequency - spacing * np.round(frequency / spacing)) < 70
         assert gain[folded & (frequency > 70)].max() < 2e-5
         assert rate / low_pass.thinned >= 2 * 1.4 * 50.0
-        one = design_low_pass(50.0, rate, single=True)
-        assert (one.stride, one.lead.tolist(), one.rate) == (1, [1.0], rate)
-        assert low_pass.noise_gain == pytest.approx(np.linalg.norm(one.smooth), rel=1e-3)
+        one_stage = design_low_pass(50.0, rate, single=True)
+        assert (one_stage.stride, one_stage.lead.tolist(), one_stage.rate) == (1, [1.0], rate)
+        assert low_pass.noise_gain == pytest.approx(np.linalg.norm(one_stage.smooth), rel=1e-3)
 
 
 def test_a_row_costs_the_same_at_any_rate() -> None:

@@ -89,11 +89,11 @@ def test_two_stages_are_the_same_low_pass(
     frame = at_high_rate()
     columns = names("t", "q", *recorded_rates.split(), "tau")
     log = open_log(write(tmp_path / "log.parquet", frame.select(columns)), clavel.kinematics)
-    two, one = (
+    two_stages, one_stage = (
         PreparedRecording(log, design_low_pass(50.0, HIGH, single=s)) for s in (False, True)
     )
-    assert (two.filter.stride, one.filter.stride) == (5, 1)
-    found, expected = together(two, clavel), together(one, clavel)
+    assert (two_stages.filter.stride, one_stage.filter.stride) == (5, 1)
+    found, expected = together(two_stages, clavel), together(one_stage, clavel)
     time = frame["t"].to_numpy()
     (first,) = np.flatnonzero(time == found[0][0])
     kept = slice(first, first + len(found[0]))
@@ -105,7 +105,7 @@ def test_two_stages_are_the_same_low_pass(
         assert np.abs(mine[: len(same)] - same).max() < 2e-5 * np.abs(other).max()
     for size in (61, 400):
         monkeypatch.setattr(windowing, "WINDOW", size)
-        for mine, at_once in zip(together(two, clavel), found, strict=True):
+        for mine, at_once in zip(together(two_stages, clavel), found, strict=True):
             scale = np.abs(at_once).max()
             np.testing.assert_allclose(mine, at_once, rtol=0, atol=1e-12 * scale)
 
@@ -114,14 +114,14 @@ def test_two_stages_judge_as_one(tmp_path, clavel: Dynamics) -> None:
     """Torque errors of the true parameters and of others, and what the regressor says of them."""
     frame, truth = at_high_rate(), true_parameters()
     log = open_log(write(tmp_path / "log.parquet", frame), clavel.kinematics)
-    two, one = (
+    two_stages, one_stage = (
         PreparedRecording(log, design_low_pass(50.0, HIGH, single=s)) for s in (False, True)
     )
     for p in (truth, prior_parameters(clavel.robot)):
-        a, b = (torque_error(clavel, p, recording) for recording in (two, one))
+        a, b = (torque_error(clavel, p, recording) for recording in (two_stages, one_stage))
         np.testing.assert_allclose(a.rms, b.rms, rtol=0.05)
         np.testing.assert_allclose(a.rms_unfiltered, b.rms_unfiltered, rtol=0.05)
-    a, b = (merge(gather(clavel, recording)) for recording in (two, one))
+    a, b = (merge(gather(clavel, recording)) for recording in (two_stages, one_stage))
     np.testing.assert_allclose(a.rms(truth), b.rms(truth), rtol=0.05)
     assert a.rms(truth).max() < 1e-4 * a.torque_max.max()
 

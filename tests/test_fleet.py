@@ -83,8 +83,8 @@ def test_what_is_no_recording_is_reported_and_stops_nothing(whole: Plant) -> Non
     assert refused.select("what", "robot").rows() == [("recording", "south")]
     assert "south/2026-01-09.parquet" in refused["which"][0]
     assert "is no Parquet file" in refused["reason"][0]
-    told = whole.table("recordings.parquet").filter(pl.col("reason") != "")
-    assert told["path"].to_list() == refused["which"].to_list()
+    failures = whole.table("recordings.parquet").filter(pl.col("reason") != "")
+    assert failures["path"].to_list() == refused["which"].to_list()
 
 
 def test_nothing_is_done_again(whole: Plant, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,21 +163,21 @@ def test_what_a_worker_has_done_before_it_dies_counts(
 def test_the_command_tells_what_it_has_done(whole: Plant) -> None:
     path = whole.folder / "next.yaml"
     words = ("--cutoff", 15, "--friction", "described", "--prior-out", path)
-    told = json_of("fleet", whole.manifest, "-o", whole.output, *words)
-    assert {key: told[key] for key in ("robots", "used", "gathered", "fits", "fitted")} == {
+    report = json_of("fleet", whole.manifest, "-o", whole.output, *words)
+    assert {key: report[key] for key in ("robots", "used", "gathered", "fits", "fitted")} == {
         "robots": 2, "used": 4, "gathered": 0, "fits": 4, "fitted": 0,
     }  # fmt: skip
-    assert [line["which"] for line in told["quarantine"]] == [str(whole.path("south/2026-01-09"))]
-    assert Path(told["site"]).is_file()
+    assert [line["which"] for line in report["quarantine"]] == [str(whole.path("south/2026-01-09"))]
+    assert Path(report["site"]).is_file()
     assert "mean of 2 robots" in load_robot(path).sources["friction"]
 
 
 def test_without_dask_no_cluster_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(libraries, "find_spec", lambda name: None)
-    with pytest.raises(DeltaidError) as told, open_workers("tcp://127.0.0.1:1"):
+    with pytest.raises(DeltaidError) as caught, open_workers("tcp://127.0.0.1:1"):
         pass
-    assert "needs Dask, which is not installed" in str(told.value)
-    assert "fleet]" in str(told.value)
+    assert "needs Dask, which is not installed" in str(caught.value)
+    assert "fleet]" in str(caught.value)
 
 
 @pytest.mark.slow

@@ -72,8 +72,8 @@ def check(found: object, machine: str) -> None:
     import lief
 
     header = found.header
-    told = getattr(header, "machine_type", None) or getattr(header, "machine", None)
-    assert str(told or header.cpu_type).endswith(machine)
+    machine_type = getattr(header, "machine_type", None) or getattr(header, "machine", None)
+    assert str(machine_type or header.cpu_type).endswith(machine)
     mac = isinstance(found, lief.MachO.Binary)
     shown = {f.name.removeprefix("_") if mac else f.name for f in found.exported_functions}
     assert shown >= functions()
@@ -161,17 +161,17 @@ def test_folders_of_either_version(monkeypatch: pytest.MonkeyPatch) -> None:
         return struct.pack("<IIII", 0xFEEDFACF, 7, 3, len(system.folder))
 
     monkeypatch.setattr(Compiler, "library", library)
-    compiler, told = Compiler(("zig", "cc"), SYSTEMS, is_zig=True), list[str]()
+    compiler, messages = Compiler(("zig", "cc"), SYSTEMS, is_zig=True), list[str]()
     for version, x86, mac in (("2", "linux64", "darwin64"), ("3", "x86_64-linux", "x86_64-darwin")):
-        files, warning = fmu_binaries.binaries("a", {}, version, compiler, told.append)
+        files, warning = fmu_binaries.binaries("a", {}, version, compiler, messages.append)
         assert set(files) == {
             f"binaries/{x86}/a.so", f"binaries/{mac}/a.dylib",
             "binaries/aarch64-darwin/a.dylib", "binaries/aarch64-linux/a.so",
         }  # fmt: skip
         assert "macOS ARM, Linux ARM, and from its sources on Windows x86-64" in warning
         assert "no such option" in warning
-    assert told[:2] == ["compiling 1 of 5, Linux x86-64", "compiling 2 of 5, Windows x86-64"]
-    assert len(told) == 10
+    assert messages[:2] == ["compiling 1 of 5, Linux x86-64", "compiling 2 of 5, Windows x86-64"]
+    assert len(messages) == 10
 
 
 def test_parts_of_a_universal_library_begin_at_pages() -> None:

@@ -132,8 +132,8 @@ def test_exact_recordings_leave_what_torques_leave_open(exact: Job) -> None:
 def test_a_range_counts_what_consistency_costs_the_best_of_all() -> None:
     """One unknown u ≥ −1 that data and prior would have at −3, where ‖R u − b‖ is zero: the best
     consistent one is 2 away, so all within √(2² + 1.96²) are compatible."""
-    one = np.eye(1)
-    block = Block(np.zeros((1, 1), dtype=int), one, one)
+    identity = np.eye(1)
+    block = Block(np.zeros((1, 1), dtype=int), identity, identity)
     rows, right = np.array([[1.0], [1.0]]), np.array([-6.0, 0.0])  # R = √2, R u_best = b
     ends = ConsistentBall(rows, right, [block], np.ones(1)).ends(np.ones(1), NORMAL)
     reach = np.hypot(2 * np.sqrt(2), 1.959964) / np.sqrt(2)
@@ -160,9 +160,9 @@ def test_without_recordings_the_same_is_known_to_be_open(noisy: Job) -> None:
     model = load(noisy.model)
     structural = Determinacy(model, random_motion_base(model.dynamics))
     for c in noisy.coefficients[4]:
-        one, other = structural.openness(c), noisy.known.openness(c)
-        assert one.half_width == pytest.approx(other.half_width, rel=1e-6, abs=1e-9)
-        assert set(one.unknowns) == set(other.unknowns)
+        openness, other = structural.openness(c), noisy.known.openness(c)
+        assert openness.half_width == pytest.approx(other.half_width, rel=1e-6, abs=1e-9)
+        assert set(openness.unknowns) == set(other.unknowns)
 
 
 def test_unknowns_start_from_a_consistent_prior() -> None:

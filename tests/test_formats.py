@@ -123,8 +123,8 @@ def test_simulink_structure_with_time(tmp_path: Path) -> None:
     for packed in (False, True):
         scipy.io.savemat(path, {"out": {"time": T, "signals": signals}}, do_compression=packed)
         np.testing.assert_array_equal(read(path, columns), ROWS)
-    one = {"time": T, "signals": {"values": np.hstack([Q, TAU])}}
-    scipy.io.savemat(path, {"out": one})
+    structure = {"time": T, "signals": {"values": np.hstack([Q, TAU])}}
+    scipy.io.savemat(path, {"out": structure})
     torque = [f"out.signals[0].values[{i}]" for i in (3, 4, 5)]
     columns = columns.changed(torque={"columns": torque, "unit": "N m"})
     np.testing.assert_array_equal(read(path, columns), ROWS)

@@ -112,18 +112,18 @@ def test_each_drive_gets_its_law_and_the_lag_is_no_part_of_it() -> None:
         "drive2": {"stribeck"},
         "drive3": {"load"},
     }
-    told = {
+    texts = {
         correction.subject: correction.text
         for correction in model.corrections
         if correction.kind == "friction"
     }
-    assert set(told) == set(TRUE)
-    assert "Stribeck" in told["drive2"]
+    assert set(texts) == set(TRUE)
+    assert "Stribeck" in texts["drive2"]
     # A constant that the others may have is one by direction where the law is.
     missed = fitted_once().problem.undetected
     assert {"coulomb_back.drive1", "offset.drive2", "offset.drive3"} <= set(missed)
     assert "offset.drive1" not in missed
-    assert "share of the load" in told["drive3"]
+    assert "share of the load" in texts["drive3"]
     lags = np.array(
         [correction.value for correction in model.corrections if correction.kind == "lag"],
         dtype=float,
@@ -215,13 +215,15 @@ def test_the_curve_is_the_law_of_the_model() -> None:
               for t in friction_terms({"drive2": (law, TURNING)})}  # fmt: skip
     settled = Friction(viscous=values["viscous"], coulomb=values["coulomb"],
         stribeck=law.stribeck.changed(coefficient=values["stribeck"]))  # fmt: skip
-    one = next(
+    drive_curve = next(
         friction_curve
         for friction_curve in result.model.friction_curves
         if friction_curve.joint == "drive2"
     )
-    v = np.array(one.speed)
-    np.testing.assert_allclose(curve(settled, v), one.friction, atol=1e-9 * max(one.friction))
+    v = np.array(drive_curve.speed)
+    np.testing.assert_allclose(
+        curve(settled, v), drive_curve.friction, atol=1e-9 * max(drive_curve.friction)
+    )
     saved = IdentifiedModel.model_validate(result.model.model_dump())
     assert saved.friction_curves == result.model.friction_curves
 
@@ -279,9 +281,11 @@ def cooling(time: np.ndarray) -> np.ndarray:
 def test_friction_of_a_robot_that_warms_up_is_that_of_the_mean() -> None:
     robot = load_robot(ROBOT)
     model = identify(robot, recorded(robot, 4, warm=cooling), settings=FRICTION).model
-    (told,) = (correction for correction in model.corrections if correction.kind == "temperature")
-    assert told.value == pytest.approx(4.0, rel=0.3)
-    shares = re.findall(r"drive\d ([-\d.]+) and ([-\d.]+) %", told.text)
+    (thermal_correction,) = (
+        correction for correction in model.corrections if correction.kind == "temperature"
+    )
+    assert thermal_correction.value == pytest.approx(4.0, rel=0.3)
+    shares = re.findall(r"drive\d ([-\d.]+) and ([-\d.]+) %", thermal_correction.text)
     assert np.array(shares, float) == pytest.approx(np.full((len(robot.drives), 2), -19.0), abs=4.0)
     assert not any(further(model.robot.friction).values())
     mean = 1 + np.mean(cooling(np.arange(0, SECONDS, 0.001)))
@@ -293,18 +297,18 @@ def test_friction_of_a_robot_that_warms_up_is_that_of_the_mean() -> None:
 
 def test_a_warm_up_changes_both_directions_of_a_law() -> None:
     dynamics = compiled(load_robot(ROBOT).changed(friction=TRUE))
-    (one,) = open_recordings(recorded(dynamics.robot, 1), dynamics.kinematics)
-    warmth = Warmth(dynamics, (Course(one, 0.0, 4.0, 0.2, -0.9),))
+    (recording,) = open_recordings(recorded(dynamics.robot, 1), dynamics.kinematics)
+    warmth = Warmth(dynamics, (Course(recording, 0.0, 4.0, 0.2, -0.9),))
     names = [parameter.name for parameter in warmth.parameters]
     assert {f"{kind}_change.drive1" for kind in ("viscous_back", "coulomb_back")} < set(names)
-    w = next(one.windows(dynamics.kinematics)).inner
+    w = next(recording.windows(dynamics.kinematics)).inner
     own = dynamics.sparse_regressor(w.z, w.qd, w.qdd, 0 * w.qd).values
     drives, columns = warmth.pattern
     back = (drives == 0) & (columns == names.index("coulomb_back_change.drive1"))
     expected = -1.0 * (w.qd[:, 0] < 0) * (np.exp(-w.time / 4.0) - 0.2)
-    np.testing.assert_allclose(warmth.entries(w, own, one)[back][0], expected, atol=1e-12)
+    np.testing.assert_allclose(warmth.entries(w, own, recording)[back][0], expected, atol=1e-12)
     # A clock that passes midnight comes before it began.
-    assert np.all(Course(one, 1e5, 4.0, 0.2, -0.9).values(w) == 0.8)
+    assert np.all(Course(recording, 1e5, 4.0, 0.2, -0.9).values(w) == 0.8)
 
 
 def test_friction_follows_a_temperature_that_is_recorded() -> None:
@@ -319,10 +323,10 @@ def test_friction_follows_a_temperature_that_is_recorded() -> None:
     for drive in robot.drives:
         change = problem.values[names.index(f"coulomb_change.{drive}")]
         assert change == pytest.approx(-robot.friction[drive].coulomb / 100, rel=0.2)
-    (told,) = (
+    (thermal_correction,) = (
         correction for correction in result.model.corrections if correction.kind == "temperature"
     )
-    assert "with its temperature" in told.text
+    assert "with its temperature" in thermal_correction.text
     mean = 1 + np.mean(cooling(log["t"].to_numpy()))
     law = robot.friction["drive1"]
     assert result.model.value("coulomb.drive1") == pytest.approx(mean * law.coulomb, rel=0.015)

@@ -137,11 +137,11 @@ def test_what_is_reported_is_the_whole_gain_with_its_interval(
     ratio_drives: tuple[int, ...], std: float, words: str
 ) -> None:
     """c times what is left of it; told by a load where its prior is not most of what is known."""
-    told = gains(ratio_drives)[1].to_corrections(judged(std))
-    assert [correction.subject for correction in told] == ["drive1", "drive2", "drive3"][
+    corrections = gains(ratio_drives)[1].to_corrections(judged(std))
+    assert [correction.subject for correction in corrections] == ["drive1", "drive2", "drive3"][
         : len(ratio_drives) or 3
     ]
-    for c, correction in zip(GAIN, told, strict=False):
+    for c, correction in zip(GAIN, corrections, strict=False):
         expected = c * np.exp([0.02 - 2 * std, 0.02, 0.02 + 2 * std])
         np.testing.assert_allclose([correction.low, correction.value, correction.high], expected)
         assert words in correction.text

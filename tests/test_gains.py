@@ -137,9 +137,9 @@ def test_limbs_that_are_alike_tell_ratios_without_any_load() -> None:
     result = identify(dynamics.robot, table(1, gain, 0.0), settings=only)
     model, common = result.model, np.exp(np.mean(np.log(gain)))
     np.testing.assert_allclose(model.gains, gain / common, rtol=2e-3)
-    told = [correction for correction in model.corrections if correction.kind == "gain"]
-    assert [correction.subject for correction in told] == list(dynamics.robot.drives)
-    for correction, true in zip(told, gain / common, strict=True):
+    corrections = [correction for correction in model.corrections if correction.kind == "gain"]
+    assert [correction.subject for correction in corrections] == list(dynamics.robot.drives)
+    for correction, true in zip(corrections, gain / common, strict=True):
         assert correction.low < true < correction.high
         assert "assumed correct" in correction.text
     assert not [correction for correction in model.corrections if correction.kind != "gain"]
@@ -208,8 +208,10 @@ def test_a_model_knows_its_gains_when_it_is_verified_and_when_it_commands(tmp_pa
     commanded = pl.read_csv(planned)
     recorded = unseen.join(commanded.drop_nulls(), on="t", suffix="_commanded")
     for i in range(3):
-        measured, told = (recorded[f"tau{i + 1}{end}"].to_numpy() for end in ("", "_commanded"))
-        slope = measured @ told / (told @ told)
+        measured, planned_torque = (
+            recorded[f"tau{i + 1}{end}"].to_numpy() for end in ("", "_commanded")
+        )
+        slope = measured @ planned_torque / (planned_torque @ planned_torque)
         assert slope == pytest.approx(1.0, abs=0.02)
 
 
@@ -264,16 +266,16 @@ def test_an_addition_is_fitted_in_the_recording_that_has_it_and_judged_like_the_
 
 def test_rows_that_are_excluded_by_time_do_not_count_and_no_others_do_less() -> None:
     dynamics, _ = moving()
-    one = recordings()[0]
+    original = recordings()[0]
     spans = (LeftSpan(2.0, 2.5, "contact"), LeftSpan(4.0, 4.1, "spike", (2,)))
-    repaired = replace(one, repairs=Repairs(left_out=spans))
+    repaired = replace(original, repairs=Repairs(left_out=spans))
 
     def weights(recording: PreparedRecording) -> tuple[np.ndarray, np.ndarray]:
         parts = [window.inner for window in recording.windows(dynamics.kinematics)]
         time = np.concatenate([w.time for w in parts])
         return time, np.concatenate([w.weights for w in parts])
 
-    time, before = weights(one)
+    time, before = weights(original)
     _, after = weights(repaired)
     gone = np.zeros_like(after, dtype=bool)
     gone[(time >= 2.0) & (time <= 2.5)] = True

@@ -122,8 +122,8 @@ def test_demonstration_comes_close_to_the_truth(tmp_path) -> None:
 
 def test_two_logs_together_are_more_certain_than_one() -> None:
     made = identified("two logs")
-    one, both = (identified(name).result.problem for name in ("clavel-delta3", "two logs"))
-    assert both.information.mean_samples > 1.9 * one.information.mean_samples
+    single, both = (identified(name).result.problem for name in ("clavel-delta3", "two logs"))
+    assert both.information.mean_samples > 1.9 * single.information.mean_samples
     logs = [made.log, made.folder / "log-2.csv"]
     estimates = [identify_base(made.dynamics, log)[1] for log in logs]
     # Intervals are estimates themselves, so a single one may come out larger. By white noise the

@@ -195,9 +195,9 @@ def test_gauss_markov_is_the_tighter_one_when_drives_differ() -> None:
 
 def test_filtered_information_agrees_with_the_streamed_torque_error() -> None:
     dynamics, truth, recording = recorded(0, noise=SensorNoise())
-    one = with_filter(open_log(recording, dynamics.kinematics))
-    information = merge(gather(dynamics, one))
-    streamed = torque_error(dynamics, truth, one)
+    prepared = with_filter(open_log(recording, dynamics.kinematics))
+    information = merge(gather(dynamics, prepared))
+    streamed = torque_error(dynamics, truth, prepared)
     # The information is thinned, the stream is not, so the two are estimates of the same number.
     assert np.allclose(information.rms(truth), streamed.rms, rtol=0.1)
     largest = np.abs(recording.select(["tau1", "tau2", "tau3"]).to_numpy()).max(axis=0)
@@ -224,9 +224,9 @@ def test_blocks_of_a_log_are_consecutive_equal_and_together_the_whole():
 def test_places_divide_the_same_samples_by_where_the_platform_was(filtered):
     dynamics, _, recording = recorded(4, as_described=True, duration=20.0)
     log = open_log(recording, dynamics.kinematics, None, keep_all=True)
-    one = with_filter(log, 20.0 if filtered else None)
-    places = places_of(dynamics, [one])
-    whole = merge(gather(dynamics, one, places))
+    prepared = with_filter(log, 20.0 if filtered else None)
+    places = places_of(dynamics, [prepared])
+    whole = merge(gather(dynamics, prepared, places))
     assert_close(places.sums.sum(axis=0), grams(whole), 1e-9)
     if filtered:
         return

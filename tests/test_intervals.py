@@ -109,13 +109,13 @@ def test_degrees_of_freedom_are_those_of_the_part_that_noise_adds(case) -> None:
         )
 
     sigma = 20 * problem.noise  # noise and prior then matter both, here or there
-    one, two = with_noise(sigma), with_noise(2 * sigma)
-    by_noise = (two.std**2 - one.std**2) / 3
-    share = by_noise / np.maximum(one.std**2, 1e-300)
+    single, doubled = with_noise(sigma), with_noise(2 * sigma)
+    by_noise = (doubled.std**2 - single.std**2) / 3
+    share = by_noise / np.maximum(single.std**2, 1e-300)
     mixed = (share > 0.1) & (share < 0.9)
     assert mixed.sum() >= 5
     expected = stats.t.ppf(0.975, freedom / share[mixed] ** 2)
-    np.testing.assert_allclose(one.interval[mixed] / one.std[mixed], expected, rtol=1e-6)
+    np.testing.assert_allclose(single.interval[mixed] / single.std[mixed], expected, rtol=1e-6)
 
 
 def test_model_file_of_format_1_loads() -> None:

@@ -217,18 +217,19 @@ def log_evidence(given: PriorEvidence, s: np.ndarray) -> float:
 def test_factors_and_gains_are_those_of_the_marginal_likelihood() -> None:
     given, s = random_evidence(np.random.default_rng(4)), np.ones(6)
     s[1] = 2.0
-    one, tried = log_evidence(given, s), np.geomspace(1, 1e4, 800)
+    baseline, tried = log_evidence(given, s), np.geomspace(1, 1e4, 800)
     gained = 0
     for candidate in given._widest(s, ([0], [1], [2], [3], [0, 1, 2])):
         wider = s.copy()
         wider[candidate.at] = np.maximum(s[candidate.at], candidate.factor)
-        gain = log_evidence(given, wider) - one
+        gain = log_evidence(given, wider) - baseline
         assert gain == pytest.approx(candidate.gain, rel=1e-5, abs=1e-3)
         if len(candidate.at) == 1:
             (j,) = candidate.at
             best = max(log_evidence(given, np.where(np.arange(6) == j, s * k, s)) for k in tried)
-            if best > one + 1:  # tried factors are 1.6 times apart; the gain is flat at its best
-                assert best - one - 0.3 < candidate.gain < best - one + 1e-2
+            # Tried factors are 1.6 times apart; the gain is flat at its best.
+            if best > baseline + 1:
+                assert best - baseline - 0.3 < candidate.gain < best - baseline + 1e-2
                 gained += 1
     assert gained
 
@@ -274,8 +275,10 @@ def test_a_heavy_strut_described_as_light_is_corrected_by_its_body() -> None:
     model = identify(
         robot.changed(bodies={**robot.bodies, "S": light}, sources={}), log, settings=PLAIN
     ).model
-    (told,) = (correction for correction in model.corrections if correction.kind == "prior")
-    assert told.subject == "S"
+    (strut_correction,) = (
+        correction for correction in model.corrections if correction.kind == "prior"
+    )
+    assert strut_correction.subject == "S"
     for parameter, true in zip(model.parameters[part], p[part], strict=True):
         if parameter.determined_by in ("data", "sum"):
             assert inside(parameter, true), parameter.name

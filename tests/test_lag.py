@@ -121,10 +121,10 @@ def test_without_noise_a_lag_and_the_parameters_come_out() -> None:
 def test_torques_are_shifted_by_parts_of_a_sample() -> None:
     late, (_, p, _) = traced(frame(np.full(3, 2.7e-3), noise=0.0)), moving()
 
-    def off(one: Trace) -> float:
+    def off(torque_trace: Trace) -> float:
         """What the true parameters leave of the torques, as a share."""
-        left = one.torques() - one.model(p)
-        return float(np.abs(left).max() / np.abs(one.torques()).max())
+        left = torque_trace.torques() - torque_trace.model(p)
+        return float(np.abs(left).max() / np.abs(torque_trace.torques()).max())
 
     assert off(late.shifted(np.full(3, 2.7e-3))) < 0.1 * off(late)
 

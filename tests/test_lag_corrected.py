@@ -164,12 +164,12 @@ def late_model() -> IdentifiedModel:
 
 def test_a_lag_is_corrected_reported_and_kept() -> None:
     model, (dynamics, p) = late_model(), robot()
-    (told,) = [correction for correction in model.corrections if correction.kind == "lag"]
-    assert told.subject == ""
-    assert told.unit == "s"
-    assert told.value == pytest.approx(2.3e-3, abs=5e-5)
-    assert told.low < 2.3e-3 < told.high
-    assert told.high - told.low < 2e-4
+    (lag_correction,) = [correction for correction in model.corrections if correction.kind == "lag"]
+    assert lag_correction.subject == ""
+    assert lag_correction.unit == "s"
+    assert lag_correction.value == pytest.approx(2.3e-3, abs=5e-5)
+    assert lag_correction.low < 2.3e-3 < lag_correction.high
+    assert lag_correction.high - lag_correction.low < 2e-4
     assert model.sources[0].delay == pytest.approx((2.3e-3,) * 3, abs=5e-5)
     assert len(model.parameters) == len(p)
     q = np.zeros((1, 3))
@@ -246,34 +246,34 @@ def test_what_the_option_takes() -> None:
 @pytest.mark.parametrize("late", [0.0, 2e-3, -1e-3])
 def test_velocities_that_lag_are_excluded(late: float) -> None:
     dynamics, _ = robot()
-    (one,) = open_recordings(recorded(0.0, velocity=late), dynamics.kinematics)
-    found = late_rate(one, dynamics.kinematics)
-    setup = late_rates_excluded(Setup(dynamics.robot, (one,), Settings()), lambda _: None)
+    (recording,) = open_recordings(recorded(0.0, velocity=late), dynamics.kinematics)
+    found = late_rate(recording, dynamics.kinematics)
+    setup = late_rates_excluded(Setup(dynamics.robot, (recording,), Settings()), lambda _: None)
     left = setup.recordings[0]
     if late == 0.0:
         assert found is None
-        assert left is one
+        assert left is recording
         assert not setup.corrections
         return
     np.testing.assert_allclose(found.values, late, rtol=0.01)
     assert not left.log.columns.velocity
-    assert left.cutoff == one.cutoff
-    (told,) = setup.corrections
-    assert told.kind == "velocity"
-    assert told.value == pytest.approx(late, rel=0.01)
+    assert left.cutoff == recording.cutoff
+    (correction,) = setup.corrections
+    assert correction.kind == "velocity"
+    assert correction.value == pytest.approx(late, rel=0.01)
 
 
 def test_columns_that_have_been_excluded_are_not_complained_about() -> None:
     judged = checked(robot()[0].robot, [recorded(0.0, velocity=2e-3)])
-    (told,) = (verdict for verdict in judged.verdicts if verdict.key == "velocity")
-    assert told.grade is Grade.GOOD
-    assert "excluded" in told.seen
+    (velocity_verdict,) = (verdict for verdict in judged.verdicts if verdict.key == "velocity")
+    assert velocity_verdict.grade is Grade.GOOD
+    assert "excluded" in velocity_verdict.seen
     assert not any("velocit" in text for text in judged.model.warnings)
 
 
 def test_a_model_of_late_velocities_leaves_them_out_of_comparisons() -> None:
-    told = Correction(kind="velocity", value=2e-3, unit="s", text="they come late")
-    model = late_model().changed(corrections=(told,))
+    correction = Correction(kind="velocity", value=2e-3, unit="s", text="they come late")
+    model = late_model().changed(corrections=(correction,))
     other = open_log(recorded(0.0, velocity=2e-3, seed=6), robot()[0].kinematics)
     assert not model_filtered(model, other).log.columns.velocity
     assert model_filtered(late_model(), other).log.columns.velocity

@@ -54,18 +54,18 @@ def fitted_to(motion: int, noise: int, lag: LagChoice = "estimate") -> Identific
     return identify(true()[0].robot, recorded(motion, noise), settings=PLAIN.changed(lag=lag))
 
 
-def holds(one: Identification) -> bool:
+def holds(identification: Identification) -> bool:
     """Whether the interval of the upper arm's inertia holds the truth."""
-    at = [base.representative for base in one.model.base_parameters].index("U.Iyy")
-    base, p = one.model.base_parameters[at], true()[1]
-    return base.low <= one.base.combination()[at, : len(p)] @ p <= base.high
+    at = [base.representative for base in identification.model.base_parameters].index("U.Iyy")
+    base, p = identification.model.base_parameters[at], true()[1]
+    return base.low <= identification.base.combination()[at, : len(p)] @ p <= base.high
 
 
-def friction_widths(one: Identification) -> list[float]:
+def friction_widths(identification: Identification) -> list[float]:
     """Of the interval of drive 2's viscous coefficient and, on average, of its curve."""
-    names = [parameter.name for parameter in one.model.parameters]
-    viscous = one.model.parameters[names.index("viscous.drive2")]
-    (curve,) = [curve for curve in one.model.friction_curves if curve.joint == "drive2"]
+    names = [parameter.name for parameter in identification.model.parameters]
+    viscous = identification.model.parameters[names.index("viscous.drive2")]
+    (curve,) = [curve for curve in identification.model.friction_curves if curve.joint == "drive2"]
     low, high = curve.band(np.linspace(curve.speed[0], curve.speed[-1], 40))
     return [viscous.high - viscous.low, float(np.mean(high - low))]
 

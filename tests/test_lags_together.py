@@ -43,9 +43,9 @@ def recording(dead: float = 2e-3, constant: float = 0.0, noise: float = 0.02) ->
         a = np.exp(-1 / (RATE * every * constant))
         tau = lfilter([1 - a], [1, -a], tau, axis=0)[::every]
     tau = tau + noise * rng.standard_normal(q.shape)
-    one = with_filter(open_log(tabled(t=t, q=q, tau=tau), dynamics.kinematics), 12.0)
+    prepared = with_filter(open_log(tabled(t=t, q=q, tau=tau), dynamics.kinematics), 12.0)
     load = prior_parameters(dynamics.robot)
-    return trace(dynamics, one, load, cutoff=12.0)
+    return trace(dynamics, prepared, load, cutoff=12.0)
 
 
 @pytest.mark.parametrize(

@@ -146,9 +146,9 @@ def test_what_is_beside_the_drives_is_held_where_rows_are_lost(frame: pl.DataFra
 def test_what_is_beside_the_drives_comes_with_the_samples(frame: pl.DataFrame) -> None:
     columns = ColumnMapping(load=Load(column="grip"))
     kinematics = compiled(CLAVEL).kinematics
-    (one,) = open_recordings([frame], kinematics, columns)
+    (recording,) = open_recordings([frame], kinematics, columns)
     time, state = (
-        np.concatenate([np.ravel(getattr(w.inner, name)) for w in one.windows(kinematics)])
+        np.concatenate([np.ravel(getattr(w.inner, name)) for w in recording.windows(kinematics)])
         for name in ("time", "extra")
     )
     np.testing.assert_array_equal(state, (time >= 2 - 1e-9) & (time < 3 - 1e-9))
@@ -223,14 +223,14 @@ def test_arrays_have_states_too(frame: pl.DataFrame) -> None:
 
 
 def test_one_mapping_for_all_recordings_or_one_each() -> None:
-    one, other = ColumnMapping(), ColumnMapping(load=Load(always=True))
+    default, other = ColumnMapping(), ColumnMapping(load=Load(always=True))
     assert mapping_each(None, 2) == [None, None]
     assert mapping_each(other, 2) == [other, other]
     assert mapping_each([other], 2) == [other, other]
-    assert mapping_each([one, other], 2) == [one, other]
+    assert mapping_each([default, other], 2) == [default, other]
     assert mapping_each([None, other], 2) == [None, other]
     with pytest.raises(RecordingError, match="2 mappings are given for 3 recordings"):
-        mapping_each([one, other], 3)
+        mapping_each([default, other], 3)
 
 
 def test_columns_are_slopes_of_the_torques_and_their_sum_is_these() -> None:

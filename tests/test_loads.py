@@ -94,19 +94,21 @@ def test_an_unknown_load_is_found_and_the_model_is_of_the_robot_without_it() -> 
     true, value = body(), found.p
     assert (found.name, found.body, found.logs) == ("load", "EE", ("table",))
     for k in (0, 1, 2, 6):  # mass, what shows of its centre, inertia about the tool's axis
-        one = found.parameters[k]
-        assert one.determined_by == "data"
-        assert one.low < true[k] < one.high
+        parameter = found.parameters[k]
+        assert parameter.determined_by == "data"
+        assert parameter.low < true[k] < parameter.high
     assert abs(value[0] / true[0] - 1) < 0.003
     assert abs(value[6] / true[6] - 1) < 0.02
     assert found.mass.high - found.mass.low < 0.02 * MASS
     assert found.parameters[3].determined_by != "data"
     assert consistency(value) > 0
     assert mass_error(model) < 0.003
-    (told,) = [correction for correction in model.corrections if correction.kind == "load"]
-    assert told.value == found.mass.value
-    assert told.low == found.mass.low
-    assert "was identified" in told.text
+    (load_correction,) = [
+        correction for correction in model.corrections if correction.kind == "load"
+    ]
+    assert load_correction.value == found.mass.value
+    assert load_correction.low == found.mass.low
+    assert "was identified" in load_correction.text
 
 
 def test_what_is_left_of_the_torques_is_noise() -> None:
@@ -155,8 +157,10 @@ def test_what_is_known_of_a_load_stays(known: str) -> None:
     held = ColumnMapping(load=Load.model_validate({"column": "gripper"} | given))
     model = identify(robot()[0].robot, table(1, "cycles"), columns=held, settings=PLAIN).model
     (found,) = model.loads
-    (told,) = [correction for correction in model.corrections if correction.kind == "load"]
-    assert ("its mass is known" in told.text) == (known != "tolerance")
+    (load_correction,) = [
+        correction for correction in model.corrections if correction.kind == "load"
+    ]
+    assert ("its mass is known" in load_correction.text) == (known != "tolerance")
     if known == "tolerance":
         assert found.mass.determined_by == "data"
         assert found.mass.value == pytest.approx(MASS, rel=0.01)
@@ -171,9 +175,11 @@ def test_what_is_known_of_a_load_stays(known: str) -> None:
 def test_a_load_that_is_held_all_the_time_is_hardly_distinguished_from_the_tool() -> None:
     held = ColumnMapping(load=Load(always=True))
     model = identify(robot()[0].robot, table(1, "always"), columns=held, settings=PLAIN).model
-    (told,) = [correction for correction in model.corrections if correction.kind == "load"]
-    assert told.low < MASS < told.high
-    assert "hardly separate it from EE itself" in told.text
+    (load_correction,) = [
+        correction for correction in model.corrections if correction.kind == "load"
+    ]
+    assert load_correction.low < MASS < load_correction.high
+    assert "hardly separate it from EE itself" in load_correction.text
 
 
 def test_a_platform_shows_the_mass_only() -> None:
@@ -245,10 +251,10 @@ def test_an_export_takes_a_load_by_its_name(tmp_path: Path) -> None:
     asked = ("export", path, "--to", "npz", "-o", out, "--payload")
     assert run(*asked, "load").code == 0
     assert (np.load(out)["p"] == load(path).with_load("load").p).all()
-    told = run(*asked, "ghost")
-    assert told.code == 2
-    assert "--payload: 'ghost' is no mass" in told.err
-    assert "give kilograms, as 1.5, or one of load" in told.err
+    outcome = run(*asked, "ghost")
+    assert outcome.code == 2
+    assert "--payload: 'ghost' is no mass" in outcome.err
+    assert "give kilograms, as 1.5, or one of load" in outcome.err
 
 
 @pytest.mark.slow
@@ -270,9 +276,9 @@ def test_contradictions_about_a_load_are_refused() -> None:
         columns = [ColumnMapping(load=load) for load in (first, second)]
         return joined_loads(held_loads(open_recordings(tables, dynamics.kinematics, columns)))
 
-    one, other = Load(column="gripper", mass=1.0), Load(always=True, mass=2.0)
+    gripped, other = Load(column="gripper", mass=1.0), Load(always=True, mass=2.0)
     with pytest.raises(RecordingError, match="load load has another mass"):
-        opened(one, other)
+        opened(gripped, other)
     (both,) = opened(Load(column="gripper"), other)
     assert both.mass == 2.0
     with pytest.raises(RecordingError, match="X is no body of the robot"):

@@ -24,17 +24,21 @@ def test_what_is_left_gives_the_robot(name) -> None:
     """With everything at once M is as good as without; as it is taken it is far off."""
     rng = np.random.default_rng(11)
     rests = ((-1.0, 1.0), (4.0, 5.0), (9.0, 11.0))
-    one = interrupted(name, rng, seconds=10.0, rests=rests, ramp=0.3)
-    one = one.without_torque("on brakes", 4.2, 4.8).clipped(0.7).measured(rng, 17, 0.0, 20)
-    tau = one.tau + 0.02 * np.abs(one.tau).max(axis=0) * rng.standard_normal(one.tau.shape)
-    limit = 0.95 * np.abs(one.tau).max(axis=0)
-    one = replace(one, tau=np.clip(tau, -limit, limit))
+    recording = interrupted(name, rng, seconds=10.0, rests=rests, ramp=0.3)
+    recording = (
+        recording.without_torque("on brakes", 4.2, 4.8).clipped(0.7).measured(rng, 17, 0.0, 20)
+    )
+    tau = recording.tau + 0.02 * np.abs(recording.tau).max(axis=0) * rng.standard_normal(
+        recording.tau.shape
+    )
+    limit = 0.95 * np.abs(recording.tau).max(axis=0)
+    recording = replace(recording, tau=np.clip(tau, -limit, limit))
     for row in range(1500, 3500, 200):
-        one = one.stale(row, row + 3)
-    found = deltaid.identify(name, one.frame, settings=MASKS)
-    taken = deltaid.identify(name, one.frame, settings=MASKS.changed(keep_all=True))
-    assert mass_error(one, found.model.p) < 0.03
-    assert mass_error(one, taken.model.p) > 0.2
+        recording = recording.stale(row, row + 3)
+    found = deltaid.identify(name, recording.frame, settings=MASKS)
+    taken = deltaid.identify(name, recording.frame, settings=MASKS.changed(keep_all=True))
+    assert mass_error(recording, found.model.p) < 0.03
+    assert mass_error(recording, taken.model.p) > 0.2
     (source,) = found.model.sources
     reasons = {stretch.reason for stretch in source.left_out}
     assert reasons >= {"standing still", "on brakes", "saturated torque", "stale rows", "reversal"}
@@ -57,13 +61,13 @@ def test_clean_recordings_lose_nothing() -> None:
 def test_brakes_set_in_with_a_jump_of_acceleration() -> None:
     """The low-pass feels it a period ahead, and its spectrum is no motion's."""
     rng = np.random.default_rng(2)
-    one = interrupted(
+    simulated = interrupted(
         CLAVEL, rng, seconds=8.0, rests=((3.0, 3.8), (6.0, 6.9)), ramp=0.4, braking=0.06
     )
-    one = one.measured(rng, 16, 0.01)
-    found = deltaid.identify(CLAVEL, one.frame, settings=MASKS)
+    simulated = simulated.measured(rng, 16, 0.01)
+    found = deltaid.identify(CLAVEL, simulated.frame, settings=MASKS)
     (recording,) = found.recordings
-    assert mass_error(one, found.model.p) < 0.006
+    assert mass_error(simulated, found.model.p) < 0.006
     stops = [mask for mask in recording.log.masks if mask.reason == "emergency stop"]
     before = [mask for mask in recording.log.masks if mask.reason == "before a stop"]
     for ahead, stop in zip(before, stops, strict=True):
@@ -72,33 +76,36 @@ def test_brakes_set_in_with_a_jump_of_acceleration() -> None:
         assert ahead.end == pytest.approx(stop.start - 1e-3)
     # Found again, not found twice.
     assert with_filter(recording.log, recording.cutoff).log.masks == recording.log.masks
-    taken = open_recordings(one.frame, one.dynamics.kinematics, keep_all=True)[0]
+    taken = open_recordings(simulated.frame, simulated.dynamics.kinematics, keep_all=True)[0]
     assert taken.motion_cutoff > 2 * recording.motion_cutoff
     late = replace(recording.log, masks=tuple(stops))
     felt = [
-        _error_at(one, PreparedRecording(log, recording.low_pass)) for log in (late, recording.log)
+        _error_at(simulated, PreparedRecording(log, recording.low_pass))
+        for log in (late, recording.log)
     ]
     assert felt[1] < 0.5 * felt[0]
 
 
-def _error_at(one: Interrupted, recording: PreparedRecording) -> float:
+def _error_at(simulated: Interrupted, recording: PreparedRecording) -> float:
     """Torque error of the true robot, at its worst."""
-    (window,) = recording.windows(one.dynamics.kinematics)
-    drives = np.arange(one.dynamics.dof)
+    (window,) = recording.windows(simulated.dynamics.kinematics)
+    drives = np.arange(simulated.dynamics.dof)
 
     def error(w) -> np.ndarray:
-        return w.weighted((w.tau - one.dynamics.torque(w.z, w.qd, w.qdd, one.truth)).T, drives)
+        return w.weighted(
+            (w.tau - simulated.dynamics.torque(w.z, w.qd, w.qdd, simulated.truth)).T, drives
+        )
 
     return float(np.abs(window.filtered(error)).max())
 
 
 def test_a_direction_that_is_not_known_does_not_count(tmp_path) -> None:
     """Rows in which a drive or the slide turns round are left out; masks see each drive alone."""
-    one = interrupted(IRB, np.random.default_rng(4), seconds=4.0)
-    recording = with_filter(opened(one, tmp_path))
-    (window,) = recording.windows(one.dynamics.kinematics)
+    simulated = interrupted(IRB, np.random.default_rng(4), seconds=4.0)
+    recording = with_filter(opened(simulated, tmp_path))
+    (window,) = recording.windows(simulated.dynamics.kinematics)
     inner = window.inner
-    passive = one.dynamics.kinematics.passive_friction
+    passive = simulated.dynamics.kinematics.passive_friction
     slide = passive.rates(inner.z, inner.qd, inner.qdd).speed[:, 0]
     turns = [np.flatnonzero(np.diff(np.sign(x))) for x in (*inner.qd.T, slide)]
     out = inner.weights == 0
@@ -110,7 +117,7 @@ def test_a_direction_that_is_not_known_does_not_count(tmp_path) -> None:
     assert passive.moved_by.tolist() == [[True, True, True, False]]
     np.testing.assert_array_equal(window.turning, out.sum(axis=0))
     everything = PreparedRecording(replace(recording.log, keep_all=True), recording.low_pass)
-    (window,) = everything.windows(one.dynamics.kinematics)
+    (window,) = everything.windows(simulated.dynamics.kinematics)
     assert np.all(window.inner.weights == 1)
 
 
@@ -135,11 +142,13 @@ def test_passive_joints_move_as_differences_say() -> None:
 
 def test_nothing_left_is_refused(tmp_path) -> None:
     rng = np.random.default_rng(9)
-    one = interrupted(CLAVEL, rng, seconds=8.0, rests=((-1, 7.9),)).measured(rng, 17, 0.02, 20)
+    recording = interrupted(CLAVEL, rng, seconds=8.0, rests=((-1, 7.9),)).measured(
+        rng, 17, 0.02, 20
+    )
     with pytest.raises(RecordingError, match=r"left for drive1: .* % standing still") as caught:
-        opened(one, tmp_path)
+        opened(recording, tmp_path)
     assert "--keep-all" in str(caught.value)
-    assert not opened(one, tmp_path, keep_all=True).masks
+    assert not opened(recording, tmp_path, keep_all=True).masks
 
 
 def test_table_names_reason_drives_share_and_times() -> None:
@@ -166,12 +175,12 @@ def test_table_names_reason_drives_share_and_times() -> None:
 def test_arrays_in_memory_stay_as_they_are() -> None:
     """Bridges are built in a copy."""
     rng = np.random.default_rng(3)
-    one = interrupted(CLAVEL, rng, seconds=2.0).measured(rng, 17, 0.02, 20).stale(900, 903)
-    table = one.frame
+    recording = interrupted(CLAVEL, rng, seconds=2.0).measured(rng, 17, 0.02, 20).stale(900, 903)
+    table = recording.frame
     before = table.clone()
     time = table["t"].to_numpy()
-    raw = RawRecording.from_arrays(t=time, q=one.q, tau=one.tau)
-    log = open_log(raw, one.dynamics.kinematics)
+    raw = RawRecording.from_arrays(t=time, q=recording.q, tau=recording.tau)
+    log = open_log(raw, recording.dynamics.kinematics)
     rows = np.concatenate(list(log.batches()))
-    assert not np.array_equal(rows[900:904, 1:4], one.q[900:904])
+    assert not np.array_equal(rows[900:904, 1:4], recording.q[900:904])
     assert_frame_equal(table, before)

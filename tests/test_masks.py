@@ -39,10 +39,10 @@ from interrupted import CLAVEL, IRB, by_hand, interrupted, opened, searched
 def test_standing_still_at_the_ends_and_in_between(name, rate, bits, gear, noise) -> None:
     rng = np.random.default_rng(bits)
     rests = ((-1.0, 1.0), (4.0, 4.8), (7.0, 9.0))
-    one = interrupted(name, rng, rate=rate, seconds=8.0, rests=rests)
-    found = searched(one.measured(rng, bits, noise, gear))
+    recording = interrupted(name, rng, rate=rate, seconds=8.0, rests=rests)
+    found = searched(recording.measured(rng, bits, noise, gear))
     assert [mask.reason for mask in found] == ["standing still"] * 3
-    for mask, (_, first, last) in zip(found, one.spans, strict=True):
+    for mask, (_, first, last) in zip(found, recording.spans, strict=True):
         # Beyond the rest the motion is still within the encoder's steps.
         assert -0.001 < (first - mask.first) / rate < 0.12
         assert -0.001 < (mask.last - last) / rate < 0.12
@@ -52,9 +52,9 @@ def test_standing_still_at_the_ends_and_in_between(name, rate, bits, gear, noise
 @pytest.mark.parametrize("size", [700, 1 << 16])
 def test_an_emergency_stop_brakes_and_rest_after_it(size) -> None:
     rng = np.random.default_rng(8)
-    one = interrupted(IRB, rng, seconds=8.0, rests=((4.0, 5.3),), ramp=0.12)
-    one = one.without_torque("emergency stop", 3.9, 5.0).measured(rng, 17, 0.004, 20)
-    found = [mask for mask in searched(one, size) if mask.last > 1]
+    recording = interrupted(IRB, rng, seconds=8.0, rests=((4.0, 5.3),), ramp=0.12)
+    recording = recording.without_torque("emergency stop", 3.9, 5.0).measured(rng, 17, 0.004, 20)
+    found = [mask for mask in searched(recording, size) if mask.last > 1]
     assert [mask.reason for mask in found] == ["emergency stop", "on brakes", "standing still"]
     edges = [(mask.start, mask.end) for mask in found]
     np.testing.assert_allclose(edges[0], (3.9, 4.0), atol=0.025)
@@ -66,11 +66,11 @@ def test_torque_that_does_not_change_is_off_only_where_it_has_noise() -> None:
     """Frozen on brakes; without noise what holds the robot against gravity does not change."""
     for noise, reason in ((0.0, "standing still"), (0.02, "on brakes")):
         rng = np.random.default_rng(12)
-        one = interrupted(CLAVEL, rng, seconds=5.0, rests=((2.0, 3.0),))
-        one = one.measured(rng, 18, noise, 10)
-        rows = one.rows(2.0, 3.0)
-        one.tau[rows] = 0.3 * np.abs(one.tau).max()
-        (mask,) = searched(one)
+        recording = interrupted(CLAVEL, rng, seconds=5.0, rests=((2.0, 3.0),))
+        recording = recording.measured(rng, 18, noise, 10)
+        rows = recording.rows(2.0, 3.0)
+        recording.tau[rows] = 0.3 * np.abs(recording.tau).max()
+        (mask,) = searched(recording)
         assert mask.reason == reason
 
 
@@ -78,13 +78,15 @@ def test_torque_that_does_not_change_is_off_only_where_it_has_noise() -> None:
 def test_rest_on_a_coarse_encoder(step, rate, size) -> None:
     """Coming to rest is as still as rest for many rows, but goes over several steps."""
     rng = np.random.default_rng(1)
-    one = interrupted("par4-linear", rng, rate=rate, seconds=8.0, rests=((-1, 1.2), (3.0, 4.5)))
-    one = replace(one, q=step * np.round(one.q / step))
-    for mask, (_, first, last) in zip(searched(one, size), one.spans, strict=True):
+    recording = interrupted(
+        "par4-linear", rng, rate=rate, seconds=8.0, rests=((-1, 1.2), (3.0, 4.5))
+    )
+    recording = replace(recording, q=step * np.round(recording.q / step))
+    for mask, (_, first, last) in zip(searched(recording, size), recording.spans, strict=True):
         assert mask.reason == "standing still"
         assert mask.first <= first + 0.02 * rate
         assert mask.last >= last - 0.02 * rate
-        ways = np.ptp(one.q[mask.first : mask.last + 1], axis=0)
+        ways = np.ptp(recording.q[mask.first : mask.last + 1], axis=0)
         assert ways.max() < 2.5 * step
 
 
@@ -94,11 +96,11 @@ def test_nothing_is_excluded_from_motion(slowly, bits, steps) -> None:
     """Slow motion and torques in coarse steps are neither rest nor saturation."""
     rng = np.random.default_rng(bits)
     for name in (IRB, "linear-delta"):
-        one = interrupted(name, rng, seconds=6.0, slowly=slowly).measured(rng, bits, 0.01)
+        recording = interrupted(name, rng, seconds=6.0, slowly=slowly).measured(rng, bits, 0.01)
         if steps:
-            step = np.abs(one.tau).max(axis=0) / steps
-            one = replace(one, tau=step * np.round(one.tau / step))
-        assert not searched(one)
+            step = np.abs(recording.tau).max(axis=0) / steps
+            recording = replace(recording, tau=step * np.round(recording.tau / step))
+        assert not searched(recording)
 
 
 def test_slow_motion_beside_fast_one_is_no_rest() -> None:
@@ -113,12 +115,12 @@ def test_slow_motion_beside_fast_one_is_no_rest() -> None:
 
 def test_saturation_is_found_drive_by_drive_and_at_both_ends() -> None:
     rng = np.random.default_rng(5)
-    one = interrupted(CLAVEL, rng, seconds=6.0).measured(rng, 17, 0.02, 20)
-    low, high = one.tau.min(axis=0), one.tau.max(axis=0)
-    tau = one.tau.copy()
+    recording = interrupted(CLAVEL, rng, seconds=6.0).measured(rng, 17, 0.02, 20)
+    low, high = recording.tau.min(axis=0), recording.tau.max(axis=0)
+    tau = recording.tau.copy()
     tau[:, 0] = np.clip(tau[:, 0], 0.7 * low[0], 0.5 * high[0])
     tau[:, 2] = np.round(np.clip(tau[:, 2], -np.inf, 0.6 * high[2]), 2)
-    found = searched(replace(one, tau=tau))
+    found = searched(replace(recording, tau=tau))
     assert {mask.reason for mask in found} == {"saturated torque"}
     rows = np.arange(len(tau))
     weights = 1.0 - np.stack([within(left_out(found, i), rows) for i in range(3)], axis=1)
@@ -128,7 +130,7 @@ def test_saturation_is_found_drive_by_drive_and_at_both_ends() -> None:
     assert not np.any(weights[at_end])
     # Noise takes a torque off the end for a moment, the same noise with less torque never gets
     # there: what is within 3 ms goes with it, nothing else.
-    beside = np.ones(2 * round(3e-3 * one.rate) + 1)
+    beside = np.ones(2 * round(3e-3 * recording.rate) + 1)
     for i in range(3):
         expected = np.convolve(at_end[:, i], beside, mode="same") > 0
         assert np.array_equal(weights[:, i] == 0, expected)
@@ -137,8 +139,8 @@ def test_saturation_is_found_drive_by_drive_and_at_both_ends() -> None:
 @pytest.mark.parametrize("every", [2, 4])
 def test_saturation_of_torques_that_are_held_between_updates(every) -> None:
     rng = np.random.default_rng(5)
-    one = interrupted(CLAVEL, rng, seconds=6.0).measured(rng, 17, 0.02, 20)
-    held = replace(one, tau=one.tau[np.arange(len(one.tau)) // every * every])
+    recording = interrupted(CLAVEL, rng, seconds=6.0).measured(rng, 17, 0.02, 20)
+    held = replace(recording, tau=recording.tau[np.arange(len(recording.tau)) // every * every])
     assert not searched(held)
     end = 0.6 * held.tau[:, 0].max()
     clipped = replace(held, tau=np.minimum(held.tau, [end, np.inf, np.inf]))
@@ -149,26 +151,26 @@ def test_saturation_of_torques_that_are_held_between_updates(every) -> None:
 
 def test_a_limit_of_the_description_needs_less_evidence() -> None:
     rng = np.random.default_rng(6)
-    one = interrupted(CLAVEL, rng, seconds=3.0).measured(rng, 17, 0.02, 20)
-    limit = np.sort(np.abs(one.tau[:, 1]))[-2]
-    tau = one.tau.copy()
+    recording = interrupted(CLAVEL, rng, seconds=3.0).measured(rng, 17, 0.02, 20)
+    limit = np.sort(np.abs(recording.tau[:, 1]))[-2]
+    tau = recording.tau.copy()
     tau[:, 1] = np.clip(tau[:, 1], -limit, limit)
     for limits, count in (([np.inf] * 3, 0), ([np.inf, limit, np.inf], 1)):
         search = MaskSearch(3, limits)
-        search.add(replace(one, tau=tau).frame.to_numpy(), 1e-3)
+        search.add(replace(recording, tau=tau).frame.to_numpy(), 1e-3)
         assert len({reason for reason, _, _ in search.runs()}) == count
 
 
 @pytest.mark.parametrize("size", [97, 1 << 16])
 def test_stale_rows_are_found_to_the_row(size) -> None:
     rng = np.random.default_rng(7)
-    one = interrupted(IRB, rng, seconds=4.0, rests=((-1, 0.5),)).measured(rng, 17, 0.02, 20)
+    recording = interrupted(IRB, rng, seconds=4.0, rests=((-1, 0.5),)).measured(rng, 17, 0.02, 20)
     rows = ((700, 700), (1000, 1002), (1500, 1511), (2000, 2079), (3900, 3999))
     for first, last in rows:
-        one = one.stale(first, last)
-    found = [m for m in searched(one, size) if m.reason == "stale rows"]
+        recording = recording.stale(first, last)
+    found = [m for m in searched(recording, size) if m.reason == "stale rows"]
     assert [(mask.first, mask.last) for mask in found] == list(rows)
-    assert sum(mask.reason != "stale rows" for mask in searched(one, size)) == 1
+    assert sum(mask.reason != "stale rows" for mask in searched(recording, size)) == 1
 
 
 def test_stale_rows_are_bridged() -> None:
@@ -224,28 +226,28 @@ def test_weights_of_any_rows() -> None:
 @pytest.mark.parametrize(("rate", "cutoff"), [(1000.0, 30.0), (12000.0, 60.0), (1000.0, None)])
 def test_rows_are_weighted_before_the_filter(tmp_path, rate, cutoff) -> None:
     """Against the whole filter as one, over all rows at once; masks differ from drive to drive."""
-    one = interrupted(
+    simulated = interrupted(
         CLAVEL, np.random.default_rng(1), rate=rate, seconds=2.4 if rate < 8000 else 0.75
     )
-    log = opened(one, tmp_path, keep_all=True)
+    log = opened(simulated, tmp_path, keep_all=True)
     log = by_hand(log, ((0,), 300, 1500), ((1, 2), 1000, 1400), ((2,), 800, 805))
     recording = with_filter(replace(log, motion_cutoff=cutoff or log.motion_cutoff), cutoff)
     assert (recording.filter.stride > 1) == (rate > 8000)
     low_pass = recording.low_pass
     assert low_pass is not None
-    windows = list(recording.windows(one.dynamics.kinematics))
+    windows = list(recording.windows(simulated.dynamics.kinematics))
     (window,) = windows
     wide = window.wide
-    values = one.dynamics.sparse_regressor(wide.z, wide.qd, wide.qdd).values
-    drives, _ = one.dynamics.regressor_pattern
-    first = round((wide.time[0] - one.frame["t"][0]) * rate)
-    m = np.ones((len(one.q), 3))
+    values = simulated.dynamics.sparse_regressor(wide.z, wide.qd, wide.qdd).values
+    drives, _ = simulated.dynamics.regressor_pattern
+    first = round((wide.time[0] - simulated.frame["t"][0]) * rate)
+    m = np.ones((len(simulated.q), 3))
     m[300:1501, 0] = m[1000:1401, 1] = m[1000:1401, 2] = m[800:806, 2] = 0
     m = m[first : first + len(wide.time)].T
     h = low_pass.response
     for k in (0, 17, len(values) - 1):
         direct = np.convolve(values[k] * m[drives[k]], h, "valid")[:: recording.filter.thinned]
-        got = window.filtered(lambda w: w.weighted(_entries(one.dynamics, w), drives))[k]
+        got = window.filtered(lambda w: w.weighted(_entries(simulated.dynamics, w), drives))[k]
         count = min(len(got), len(direct))
         assert count > 5
         np.testing.assert_allclose(
@@ -254,7 +256,7 @@ def test_rows_are_weighted_before_the_filter(tmp_path, rate, cutoff) -> None:
     worth = [np.convolve(x**2, h**2, "valid")[:: recording.filter.thinned] / (h @ h) for x in m]
     counted = window.counted(recording.filter.thinned)
     np.testing.assert_allclose(counted, np.array(worth)[:, : counted.shape[1]], atol=1e-12)
-    information = merge(gather(one.dynamics, recording))
+    information = merge(gather(simulated.dynamics, recording))
     np.testing.assert_allclose(information.samples, counted.sum(axis=1))
 
 

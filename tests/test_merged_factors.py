@@ -74,21 +74,21 @@ def test_loads_of_some_recordings_are_found_from_all(loaded: list[FactorFile]) -
 @pytest.mark.slow
 def test_what_was_taken_for_a_load_to_begin_with_does_not_matter(loaded) -> None:
     """Torques of a heavier load taken out, and the same columns: the same load."""
-    one, other = loaded[:2]
-    expected = identify_gathered(robot()[0].robot, [one, other], PLAIN).model
-    heavier, at = 0.2, one.record.names.index("load.m")
+    file, other = loaded[:2]
+    expected = identify_gathered(robot()[0].robot, [file, other], PLAIN).model
+    heavier, at = 0.2, file.record.names.index("load.m")
 
     def without(group: FactorGroups) -> FactorGroups:
         factors = [R.copy() for R in group.factors]
-        for R, columns in zip(factors, one.record.felt, strict=True):
+        for R, columns in zip(factors, file.record.felt, strict=True):
             if at in columns:
                 R[..., -1] -= heavier * R[..., columns.index(at)]
         return replace(group, factors=tuple(factors))
 
-    (load,) = one.record.loads
+    (load,) = file.record.loads
     taken = (load.taken[0] + heavier, *load.taken[1:])
-    record = one.record.changed(loads=(load.changed(taken=taken),))
-    same = FactorFile(record, without(one.whole), without(one.groups), one.geometry)
+    record = file.record.changed(loads=(load.changed(taken=taken),))
+    same = FactorFile(record, without(file.whole), without(file.groups), file.geometry)
     for files in ([same, other], [other, same]):
         found = identify_gathered(robot()[0].robot, files, PLAIN).model
         for a, b in zip(found.loads[0].parameters, expected.loads[0].parameters, strict=True):
@@ -113,9 +113,9 @@ def test_friction_that_warms_up_in_one_recording_is_that_of_its_mean(tmp_path: P
 
 def test_tolerances_widen_intervals_from_files_as_well(tmp_path: Path) -> None:
     robot = load_robot("clavel-delta3").changed(tolerances=Tolerances(lengths=1e-3))
-    one = gathered(robot, recorded(robot, 6), settings=PLAIN)
-    kept = identify_gathered(robot, [written(one, tmp_path)], PLAIN).model
-    require_same(kept, one.record.model)
+    file = gathered(robot, recorded(robot, 6), settings=PLAIN)
+    kept = identify_gathered(robot, [written(file, tmp_path)], PLAIN).model
+    require_same(kept, file.record.model)
     geometry = [
         parameter.share.geometry
         for parameter in kept.parameters
@@ -126,32 +126,32 @@ def test_tolerances_widen_intervals_from_files_as_well(tmp_path: Path) -> None:
 
 def test_a_lag_is_as_sure_as_in_the_recording() -> None:
     robot = load_robot("clavel-delta3")
-    one = gathered(robot, recorded(robot, 7, late=2e-3), settings=PLAIN)
-    assert any(correction.kind == "lag" for correction in one.record.model.corrections)
-    require_same(identify_gathered(robot, [one], PLAIN).model, one.record.model)
+    file = gathered(robot, recorded(robot, 7, late=2e-3), settings=PLAIN)
+    assert any(correction.kind == "lag" for correction in file.record.model.corrections)
+    require_same(identify_gathered(robot, [file], PLAIN).model, file.record.model)
 
 
-def with_gain(one: FactorFile, low: float, high: float) -> FactorFile:
+def with_gain(file: FactorFile, low: float, high: float) -> FactorFile:
     """As if the torque constant of drive1 had been put right."""
     value = 0.5 * (low + high)
     gain = Correction(
         kind="gain", subject="drive1", value=value, low=low, high=high, text="was off"
     )
-    model = one.record.model
+    model = file.record.model
     model = model.changed(corrections=(*model.corrections, gain))
-    return replace(one, record=one.record.changed(model=model))
+    return replace(file, record=file.record.changed(model=model))
 
 
 def test_torque_constants_corrected_in_one_of_several_are_refused(loaded: list[FactorFile]) -> None:
-    described, one = robot()[0].robot, with_gain(loaded[0], 1.0, 1.1)
+    described, corrected = robot()[0].robot, with_gain(loaded[0], 1.0, 1.1)
     with pytest.raises(RecordingError, match=r"drive1 was corrected .*and in .* it was not"):
-        identify_gathered(described, [one, loaded[1]], PLAIN)
+        identify_gathered(described, [corrected, loaded[1]], PLAIN)
     for low, high in ((1.15, 1.2), (0.8, 0.95)):
         # Files go by their names, which are checksums.
         with pytest.raises(RecordingError, match=r"drive1 was corrected .* by .*, and in .* by"):
-            identify_gathered(described, [one, with_gain(loaded[1], low, high)], PLAIN)
-    alike = [one, with_gain(loaded[1], 1.02, 1.04)]
-    for files, gain in (([one], 1.05), (alike, 1.03)):
+            identify_gathered(described, [corrected, with_gain(loaded[1], low, high)], PLAIN)
+    alike = [corrected, with_gain(loaded[1], 1.02, 1.04)]
+    for files, gain in (([corrected], 1.05), (alike, 1.03)):
         model = identify_gathered(described, files, PLAIN).model
         assert model.gains[0] == pytest.approx(gain)
         ((name, value, std, *_),) = gain_rows(model)

@@ -25,9 +25,12 @@ def new(folder: Path, *options: object) -> tuple[object, ...]:
 
 
 def test_a_file_from_options(tmp_path: Path) -> None:
-    told = ("--rotor", "0.6 kg cm²", "--gear", 20, "--torque", 1.5, "--title", 'The "first": one')
+    options = ("--rotor", "0.6 kg cm²", "--gear", 20, "--torque", 1.5,
+               "--title", 'The "first": one')  # fmt: skip
     page = tmp_path / "mine.html"
-    done = accepted(*new(tmp_path, "--kind", "delta", *LENGTHS, *told, "--report", page), width=120)
+    done = accepted(
+        *new(tmp_path, "--kind", "delta", *LENGTHS, *options, "--report", page), width=120
+    )
     robot = load_robot(tmp_path / "mine.yaml")
     assert (robot.name, robot.title) == ("mine", 'The "first": one')
     lengths = robot.limbs.upper_arm, robot.limbs.strut, robot.limbs.base_radius

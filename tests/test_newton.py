@@ -175,8 +175,8 @@ def test_a_recording_through_a_singularity_is_refused_with_its_time(par4, tmp_pa
     at = int(np.argmax(par4.condition(z)))
     with pytest.raises(RecordingError, match=r"singular pose (between|at) ") as caught:
         open_log(written(time, q, tmp_path), par4)
-    told = float(re.search(r"([\d.]+) s[:, ]", str(caught.value)).group(1))
-    assert abs(told - time[at]) < (0.01 if step < 1e-4 else 0.03)
+    reported_time = float(re.search(r"([\d.]+) s[:, ]", str(caught.value)).group(1))
+    assert abs(reported_time - time[at]) < (0.01 if step < 1e-4 else 0.03)
 
 
 def test_a_passage_is_detected_wherever_the_samples_are_cut(par4):

@@ -259,8 +259,8 @@ def test_a_table_needs_its_library(result, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_pages(values: dict[str, object], tmp_path: Path) -> None:
-    told = {"checks": "torque-sign", "a model": "viscous.drive1", "a comparison": "drive3"}
-    for what, word in told.items():
+    words = {"checks": "torque-sign", "a model": "viscous.drive1", "a comparison": "drive3"}
+    for what, word in words.items():
         path = values[what].report(tmp_path / "x.html")
         assert path == tmp_path / "x.html"
         text = path.read_text(encoding="utf-8")

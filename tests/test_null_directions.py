@@ -110,10 +110,10 @@ def left_open(name: str, *sensors: BaseWrench | StrutForce) -> NullSpace:
 @pytest.mark.parametrize("name", KNOWN)
 def test_all_directions_by_name_with_a_wrench(name: str) -> None:
     null = left_open(name, BaseWrench(kind="base-wrench", **TARED))
-    seen, told, words = KNOWN[name]
-    assert (null.visible, null.rank) == (seen, told)
+    seen, rank, words = KNOWN[name]
+    assert (null.visible, null.rank) == (seen, rank)
     assert {direction.words for direction in null.directions} == words
-    assert len(null.directions) == seen - told == len(words)
+    assert len(null.directions) == seen - rank == len(words)
 
 
 @pytest.mark.parametrize("name", ALONE)

@@ -34,10 +34,10 @@ def test_other_estimates_are_those_of_a_filter_that_knew(free: float) -> None:
     for k, psi in enumerate(shown):
         row, load = ca.SX([[psi, 1.0]]), mass * psi * (k >= 30)
         y = friction + load + 0.1 * rng.standard_normal()
-        blamed, told = blamed.measured(row, ca.SX(y), noise, ONE)
+        blamed, update = blamed.measured(row, ca.SX(y), noise, ONE)
         knew, _ = knew.measured(row, ca.SX(y - load), noise, ONE)
         if k >= 30:
-            onset = onset.measured(0, ca.SX(psi), told)
+            onset = onset.measured(0, ca.SX(psi), update)
     other = Change(changed=ONE, held=ONE, signalled=NONE, detected=ONE)
     found = estimate_after(blamed, onset, other, 1)
     wrong, right, mended = (float(ca.evalf(estimate.x)[1]) for estimate in (blamed, knew, found))
@@ -63,8 +63,8 @@ def test_a_gripper_that_takes_time_is_waited_for() -> None:
     model, _ = robot("clavel-delta3")
     graph = step_graph(model, OnlineSettings(largest_mass=3.0, grip_time=0.05))
     run = running(model, 300, slice(150, 300))
-    told = (np.arange(300) >= 100) | ((np.arange(300) >= 20) & (np.arange(300) < 60))
-    held = outputs(graph, run, told)["held"][:, 0]
+    signal = (np.arange(300) >= 100) | ((np.arange(300) >= 20) & (np.arange(300) < 60))
+    held = outputs(graph, run, signal)["held"][:, 0]
     assert not held[:149].any()
     assert held[151:].all()
 

@@ -153,8 +153,8 @@ def test_a_gripper_that_tells_early() -> None:
     (doubt,) = watched(table).doubts
     assert "ms before loads are taken, and left" in doubt
     assert "--grip-time 0.05" in doubt or "--grip-time 0.04" in doubt
-    told = open_replay(picked().model, table, gripper="gripper")
-    mended = watch(picked().model, told, OnlineSettings(largest_mass=2.0, grip_time=0.05))
+    replay = open_replay(picked().model, table, gripper="gripper")
+    mended = watch(picked().model, replay, OnlineSettings(largest_mass=2.0, grip_time=0.05))
     assert_as_it_was(mended)
     assert not mended.doubts
 
@@ -177,12 +177,12 @@ def timing(off: float) -> GripTiming:
     found, rng = GripTiming(1e-3), np.random.default_rng(1)
     t = 1e-3 * np.arange(20_000)
     lifted = np.column_stack([np.sin(9 * t), np.cos(11 * t)]) * 3.0
-    told, held = t % 1 < 0.4, (t - off - 0.005) % 1 < 0.4
+    signal, held = t % 1 < 0.4, (t - off - 0.005) % 1 < 0.4
     residual = held[:, None] * lifted * 0.8 + 0.1 * rng.standard_normal(lifted.shape)
     residual[(t % 0.83 < 0.1)] += [0.0, 2.0]
     lacking = np.full_like(lifted, 0.7)
     for part in np.array_split(np.arange(len(t)), 7):
-        found.add(told[part].astype(float), residual[part], lifted[part], lacking[part])
+        found.add(signal[part].astype(float), residual[part], lifted[part], lacking[part])
     found.broken()
     return found
 

@@ -70,17 +70,17 @@ def test_a_number_tells_what_the_normal_distribution_says(weight: float) -> None
     """By inverse covariances, of which a share of what it tells counts."""
     P, h, y, variance = covariance(1), np.array([[0.5, -1.0, 0.0, 2.0]]), 1.3, 0.04
     start = Estimate(ca.SX(MEANS), ca.SX(P))
-    found, told = start.measured(ca.SX(h), ca.SX(y), ca.SX(variance), ca.SX(weight))
+    found, update = start.measured(ca.SX(h), ca.SX(y), ca.SX(variance), ca.SX(weight))
     information = np.linalg.inv(P) + weight * h.T @ h / variance
     right = np.linalg.solve(P, MEANS) + weight * h[0] * y / variance
     x, after = numbers(found)
     np.testing.assert_allclose(after, np.linalg.inv(information), atol=1e-12)
     np.testing.assert_allclose(x, np.linalg.solve(information, right), atol=1e-12)
     np.testing.assert_array_equal(after, after.T)
-    assert float(told.innovation) == pytest.approx(weight * (y - h[0] @ MEANS))
-    assert float(told.variance) == pytest.approx(weight * (h @ P @ h.T)[0, 0] + variance)
+    assert float(update.innovation) == pytest.approx(weight * (y - h[0] @ MEANS))
+    assert float(update.variance) == pytest.approx(weight * (h @ P @ h.T)[0, 0] + variance)
     if weight:
-        moved = np.array(ca.evalf(told.gain)).ravel() * (y - h[0] @ MEANS)
+        moved = np.array(ca.evalf(update.gain)).ravel() * (y - h[0] @ MEANS)
         np.testing.assert_allclose(x - MEANS, moved, atol=1e-12)
 
 
@@ -126,14 +126,14 @@ def test_directions_and_what_they_leave_are_all_that_a_model_may_be_off_by(
                        for p in model.layout.parameters])  # fmt: skip
     spread[list(known.followed)] = 0.0
     largest = np.abs(Y @ model.p).max(axis=0)
-    told = np.mean(np.sum((Y @ known.directions[:, :-1]) ** 2, axis=2), axis=0)
+    explained = np.mean(np.sum((Y @ known.directions[:, :-1]) ** 2, axis=2), axis=0)
     left = known.unmodelled**2 - (0.01 * largest) ** 2
-    np.testing.assert_allclose(told + left, np.mean(Y**2 @ spread**2, axis=0), rtol=1e-9)
+    np.testing.assert_allclose(explained + left, np.mean(Y**2 @ spread**2, axis=0), rtol=1e-9)
     np.testing.assert_allclose(known.noise, 0.02 * largest)
     # No three others tell more of it against the noise.
     weighed = (Y * spread / known.noise[:, None]).reshape(-1, len(spread))
     most = np.linalg.eigvalsh(weighed.T @ weighed)[-3:].sum()
-    assert len(Y) * np.sum(told / known.noise**2) == pytest.approx(most)
+    assert len(Y) * np.sum(explained / known.noise**2) == pytest.approx(most)
 
 
 def test_loads_are_up_to_three_times_as_heavy_as_what_carries_them() -> None:
@@ -258,12 +258,12 @@ def test_a_heavy_load_that_hangs_on_is_no_contact() -> None:
     motion = random_motion(dynamics.kinematics, rng, period=7.3)
     z, zd, zdd = motion.evaluate(np.arange(cycles) / RATE)
     q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
-    told = np.arange(cycles) // 400 % 2 == 1
-    held, moment = np.roll(told, 15), mass * 1e-4
+    signal = np.arange(cycles) // 400 % 2 == 1
+    held, moment = np.roll(signal, 15), mass * 1e-4
     heavy = model.with_load(np.array([mass, 0, 0, 0, moment, moment, moment, 0, 0, 0])).p
     tau = np.where(held[:, None], *(dynamics.torque(z, qd, qdd, p) for p in (heavy, model.p)))
     online = shuttle().online(mass)
     tau += online.known.noise * rng.standard_normal(tau.shape)
-    contact = online.run(np.round(q / ENCODER) * ENCODER, None, tau, told.astype(float)).contact
-    left = np.flatnonzero(told[:-1] & ~told[1:]) + 1
+    contact = online.run(np.round(q / ENCODER) * ENCODER, None, tau, signal.astype(float)).contact
+    left = np.flatnonzero(signal[:-1] & ~signal[1:]) + 1
     assert not any(contact[row : row + 10].any() for row in left)

@@ -115,8 +115,8 @@ def test_intervals_hold_and_what_no_torque_tells_stays_open(known) -> None:
         for robot, p in zip(found.members, truths, strict=True)
     ]
     assert 0.92 < np.mean(inside) <= 1.0
-    one = found.members[0]
-    assert one.within.std[MASS] > 0.9 * one.alone_std[MASS]
+    first_member = found.members[0]
+    assert first_member.within.std[MASS] > 0.9 * first_member.alone_std[MASS]
     assert all(robot.belongs for robot in found.members)
 
 
@@ -139,9 +139,9 @@ def test_the_same_measurement_in_all_descriptions_is_one(known) -> None:
     fact = MeasuredFact("scale", c, truths[0, STRUT], 1e-4)
     every = fitted([replace(robot, facts=(fact,)) for robot in members], ROBOT)
     own = replace(members[0], facts=(fact,))
-    one = fitted([own, *members[1:]], ROBOT)
+    single = fitted([own, *members[1:]], ROBOT)
     # Were it one of each robot, the mean would be known √40 times better.
-    assert one.mean.std[STRUT] < every.mean.std[STRUT] < 2 * one.mean.std[STRUT]
+    assert single.mean.std[STRUT] < every.mean.std[STRUT] < 2 * single.mean.std[STRUT]
     assert every.members[5].within.std[STRUT] > 0.4 * BODY * truths[0, STRUT]
 
 

@@ -79,14 +79,14 @@ def test_the_slope_is_that_of_the_evidence() -> None:
         np.testing.assert_allclose(found[k], by_differences, rtol=1e-5)
 
 
-@pytest.mark.parametrize("told", [60.0, 12.0, 4.0])
-def test_spreads_are_the_most_likely_ones(told: float) -> None:
+@pytest.mark.parametrize("information", [60.0, 12.0, 4.0])
+def test_spreads_are_the_most_likely_ones(information: float) -> None:
     """Of rows that show little the prior of spreads decides."""
     coordinates, rng = type_of_robots(), np.random.default_rng(8)
     centre, size = np.log([KINDS[kind] for kind in coordinates.present]), coordinates.size
     truth = centre + rng.uniform(0.5, 1.5, len(centre))
     std = np.exp(truth)[coordinates.kind_of()]
-    H = told * rng.standard_normal((12, size + 2, size))
+    H = information * rng.standard_normal((12, size + 2, size))
     u = coordinates.prior + std * rng.standard_normal((12, size))
     b = np.einsum("rnu,ru->rn", H, u) + rng.standard_normal(H.shape[:2])
     rows = RobotRows.stacked(
@@ -129,11 +129,11 @@ def against_others(e: np.ndarray = E, freedom: float = 12.0) -> AgainstOthers:
 
 
 def test_distance_and_its_chance() -> None:
-    one = against_others()
-    assert one.distance == pytest.approx(E @ np.linalg.inv(V) @ E)
-    for distance, rank in ((one.distance, 6), (7.0, 1), (7.0, 2)):
+    comparison = against_others()
+    assert comparison.distance == pytest.approx(E @ np.linalg.inv(V) @ E)
+    for distance, rank in ((comparison.distance, 6), (7.0, 1), (7.0, 2)):
         expected = stats.f.sf(distance / rank, rank, 12.0)
-        assert one.chance(distance, rank) == pytest.approx(expected, rel=1e-9)
+        assert comparison.chance(distance, rank) == pytest.approx(expected, rel=1e-9)
 
 
 def test_robots_that_belong_are_as_far_as_their_chance_says() -> None:
@@ -150,14 +150,14 @@ def test_robots_that_belong_are_as_far_as_their_chance_says() -> None:
 def test_what_goes_along_rows_is_least_squares(twice: bool) -> None:
     """A direction that is there twice counts once."""
     F = np.random.default_rng(2).standard_normal((6, 2))
-    one = against_others().along(np.column_stack([F, F[:, 0]]) if twice else F)
+    comparison = against_others().along(np.column_stack([F, F[:, 0]]) if twice else F)
     W = np.linalg.inv(V)
     c = np.linalg.solve(F.T @ W @ F, F.T @ W @ E)
-    assert one.rank == 2
-    assert one.gain == pytest.approx(E @ W @ E - (E - F @ c) @ W @ (E - F @ c))
+    assert comparison.rank == 2
+    assert comparison.gain == pytest.approx(E @ W @ E - (E - F @ c) @ W @ (E - F @ c))
     if not twice:
-        np.testing.assert_allclose(one.values, c)
-        np.testing.assert_allclose(one.stds, np.sqrt(np.diag(np.linalg.inv(F.T @ W @ F))))
+        np.testing.assert_allclose(comparison.values, c)
+        np.testing.assert_allclose(comparison.stds, np.sqrt(np.diag(np.linalg.inv(F.T @ W @ F))))
 
 
 @pytest.mark.parametrize("share", [1 - 1e-4, 1 + 1e-4])
@@ -211,7 +211,7 @@ def test_freedom_is_that_of_noise_and_spreads_by_their_shares() -> None:
     found = Mean(s**2, 1e12 * np.eye(3), np.zeros(3), 0.0)
     noise = 1 / (1 + (h * s) ** 2)
     for anything, included in ((np.zeros(3), [0, 1, 2]), (np.array([0.0, 0.0, 1e9]), [0, 1])):
-        one = leave_one_out(rows, 0, found, (40.0, 5.0), anything)
+        comparison = leave_one_out(rows, 0, found, (40.0, 5.0), anything)
         inverse = np.mean(noise[included] ** 2) / 40.0 + np.mean((1 - noise[included]) ** 2) / 5.0
-        assert one.freedom == pytest.approx(1 / inverse)
-        assert one.rows == len(included)
+        assert comparison.freedom == pytest.approx(1 / inverse)
+        assert comparison.rows == len(included)

@@ -266,9 +266,9 @@ def test_intervals_of_drawn_models(model: IdentifiedModel, monkeypatch) -> None:
     monkeypatch.setattr(posterior_draws, "_MODELS", 100)
     settings, linear, p = deltaid.Settings(intervals="posterior"), model, model.sample(100).p
     known = identified("stout")
-    told = deltaid.identify(known.robot, known.log, settings=settings).model
-    assert (linear.settings.intervals, told.settings.intervals) == ("linear", "posterior")
-    for i, (a, b) in enumerate(zip(linear.parameters, told.parameters, strict=True)):
+    posterior = deltaid.identify(known.robot, known.log, settings=settings).model
+    assert (linear.settings.intervals, posterior.settings.intervals) == ("linear", "posterior")
+    for i, (a, b) in enumerate(zip(linear.parameters, posterior.parameters, strict=True)):
         assert (a.value, a.determined_by) == (b.value, b.determined_by)
         if p[:, i].std() > 0:
             low, high = np.quantile(p[:, i], [0.025, 0.975])
@@ -278,5 +278,5 @@ def test_intervals_of_drawn_models(model: IdentifiedModel, monkeypatch) -> None:
             assert a == b
     from deltaid.view.model_tables import parameter_table
 
-    assert parameter_table(told).title.endswith("intervals: posterior")
+    assert parameter_table(posterior).title.endswith("intervals: posterior")
     assert "intervals" not in parameter_table(linear).title

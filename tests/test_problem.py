@@ -99,8 +99,8 @@ def test_two_sets_of_instruments_are_two_stages_of_least_squares() -> None:
 
 def test_recordings_have_groups_of_their_own() -> None:
     A, b = np.ones((3, 1)), np.ones(3)
-    one = LinearProblem(A, b, np.array([0, 0, 1])).with_known(A[:1], b[:1])
-    both = LinearProblem.together([one, LinearProblem(A, b, np.array([0, 1, 1]))])
+    problem = LinearProblem(A, b, np.array([0, 0, 1])).with_known(A[:1], b[:1])
+    both = LinearProblem.together([problem, LinearProblem(A, b, np.array([0, 1, 1]))])
     np.testing.assert_array_equal(both.groups, [0, 0, 1, KNOWN, 2, 3, 3])
     assert both.measured == 6.0
 

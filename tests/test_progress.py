@@ -138,10 +138,10 @@ def test_false_is_silent_in_a_notebook(notebook: Display) -> None:
 
 
 def test_a_function_receives_every_stage(notebook: Display) -> None:
-    told = list[str]()
-    deltaid.sensor_plan(NAME, recorded(1200), progress=told.append)
-    assert told[0] == "looking at the motion"
-    assert "comparing" in told
+    stages = list[str]()
+    deltaid.sensor_plan(NAME, recorded(1200), progress=stages.append)
+    assert stages[0] == "looking at the motion"
+    assert "comparing" in stages
     assert not notebook.shown
 
 

@@ -115,10 +115,10 @@ def arrays(found: Any) -> list[np.ndarray]:
 @pytest.mark.parametrize("name", CALLS)
 def test_a_vector_gives_what_its_row_gives(name: str) -> None:
     call, given = CALLS[name]
-    many, one = arrays(call(*given)), arrays(call(*(array[1] for array in given)))
+    many, of_vector = arrays(call(*given)), arrays(call(*(array[1] for array in given)))
     rows = arrays(call(*(array[1:2] for array in given)))
-    assert len(many) == len(one) == len(rows)
-    for several, single, row in zip(many, one, rows, strict=True):
+    assert len(many) == len(of_vector) == len(rows)
+    for several, single, row in zip(many, of_vector, rows, strict=True):
         assert several.shape == (3, *single.shape)
         assert row.shape == (1, *single.shape)
         np.testing.assert_array_equal(row[0], single)
@@ -171,7 +171,7 @@ def test_a_motion_at_one_time() -> None:
     run = Run(motion, 0.1, 0.5, 1)
     for moving in (motion, run):
         many = moving.evaluate(np.array([0.2, 0.7]))
-        one = moving.evaluate(0.7)
-        for several, single in zip(many, one, strict=True):
+        instant = moving.evaluate(0.7)
+        for several, single in zip(many, instant, strict=True):
             assert single.shape == (3,)
             np.testing.assert_allclose(several[1], single, rtol=1e-12)

@@ -117,8 +117,8 @@ def test_friction_that_falls_while_the_robot_warms_up_is_drift() -> None:
 def test_a_load_is_reported_by_its_mass_and_times() -> None:
     change = only("load-change", lambda t, q, qd, tau: load(0.4) * ((t > 3.0) & (t < 7.0))[:, None])
     assert change.number == pytest.approx(0.4, rel=0.05)
-    told = change.seen.split(" at ")[1].removesuffix(" s").split(", ")
-    np.testing.assert_allclose([float(time) for time in told], [3.0, 7.0], atol=0.02)
+    times = change.seen.split(" at ")[1].removesuffix(" s").split(", ")
+    np.testing.assert_allclose([float(time) for time in times], [3.0, 7.0], atol=0.02)
     (proposal,) = change.proposals
     assert proposal.file == "mapping"
     named, (path, spans) = proposal.changes
@@ -144,10 +144,10 @@ def test_a_drive_whose_torque_constant_is_wrong_is_named(gain: float) -> None:
 
 def test_every_drive_whose_torque_constant_is_wrong_is_named_with_its_size() -> None:
     gain = only("drive-gain", lambda t, q, qd, tau: [0.08, -0.08, 0.04] * tau)
-    told = dict(re.findall(r"(drive\d)'s \D*([\d.]+) %", gain.seen))
+    percentages = dict(re.findall(r"(drive\d)'s \D*([\d.]+) %", gain.seen))
     mean = 1 + 0.04 / 3
     for name, factor in zip(("drive1", "drive2", "drive3"), (1.08, 0.92, 1.04), strict=True):
-        assert float(told[name]) == pytest.approx(100 * abs(factor / mean - 1), abs=0.6)
+        assert float(percentages[name]) == pytest.approx(100 * abs(factor / mean - 1), abs=0.6)
     assert gain.number == pytest.approx(100 * (0.92 / mean - 1), abs=0.5)
 
 

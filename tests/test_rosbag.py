@@ -49,15 +49,15 @@ def test_every_kind_of_bag_gives_the_same_samples(kind: str, tmp_path: Path) -> 
 
 
 def test_both_orders_of_bytes_and_any_padding_are_read() -> None:
-    one = replace(MESSAGES[3], frame="ab", joints=["a", "bcde", "f"])
+    message = replace(MESSAGES[3], frame="ab", joints=["a", "bcde", "f"])
     wanted = [("effort", "f"), ("position", "a"), ("effort", "none")]
     expected = [COLUMNS["effort"][3, 2], COLUMNS["position"][3, 0], np.nan]
-    little, big = one.raw(), one.raw(little=False)
+    little, big = message.raw(), message.raw(little=False)
     padded = bytearray(little)
     padded[19] = padded[31] = padded[41] = 0xAB  # behind the frame's and joints' names
     assert padded != little
-    stamps, values = decoded([little, big, bytes(padded)], wanted, one.type, cdr=True)
-    assert stamps.tolist() == [one.stamp] * 3
+    stamps, values = decoded([little, big, bytes(padded)], wanted, message.type, cdr=True)
+    assert stamps.tolist() == [message.stamp] * 3
     assert np.array_equal(values, [expected] * 3, equal_nan=True)
 
 

@@ -26,9 +26,9 @@ def test_measured_numbers_change_by_a_share_and_what_is_equal_stays_so() -> None
 
 
 def test_decisions_of_one_of_both_count_and_values_in_half_widths() -> None:
-    one = {"decisions": ["lag", "law"], "values": {"a": (1.0, 0.5), "b": (0.0, 2.0), "c": (0, 1)}}
-    two = {"decisions": ["law", "gain"], "values": {"a": (1.2, 9.0), "b": (-1.0, 2.0)}}
-    decisions, change = differences(one, two)
+    first = {"decisions": ["lag", "law"], "values": {"a": (1.0, 0.5), "b": (0.0, 2.0), "c": (0, 1)}}
+    second = {"decisions": ["law", "gain"], "values": {"a": (1.2, 9.0), "b": (-1.0, 2.0)}}
+    decisions, change = differences(first, second)
     assert decisions == ["gain", "lag"]
     assert change == pytest.approx(0.5)
     assert half_width(1.0, 4.0) == 1.5

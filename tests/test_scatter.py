@@ -82,10 +82,10 @@ def test_the_grouping_that_scatters_most_is_believed() -> None:
         assert noise.groups == "place"
         U = inverse(R).T
         Q = X @ inverse(R)
-        told = [dense(Q, tau - X @ values, PLACE, u) for u in U.T]
+        expected = [dense(Q, tau - X @ values, PLACE, u) for u in U.T]
         std, freedom = noise.deviations(U)
-        np.testing.assert_allclose(std, np.sqrt([v for v, _ in told]), rtol=1e-9)
-        np.testing.assert_allclose(freedom, [nu for _, nu in told], rtol=1e-9)
+        np.testing.assert_allclose(std, np.sqrt([v for v, _ in expected]), rtol=1e-9)
+        np.testing.assert_allclose(freedom, [nu for _, nu in expected], rtol=1e-9)
 
 
 def test_without_groups_noise_is_white() -> None:
@@ -93,8 +93,8 @@ def test_without_groups_noise_is_white() -> None:
     rng = np.random.default_rng(4)
     X, tau, R, values = fitted(rng, rng.standard_normal(SAMPLES))
     white = SIGMA * np.sqrt(np.diag(np.linalg.inv(X.T @ X)))
-    one = of_groups(X, tau, [np.arange(SAMPLES)])
-    for groupings, freedom in (([], 58.0), ([("time", one)], 58.0)):
+    group_products = of_groups(X, tau, [np.arange(SAMPLES)])
+    for groupings, freedom in (([], 58.0), ([("time", group_products)], 58.0)):
         std, nu = observe(R, values, SIGMA, 58.0, groupings).deviations(inverse(R).T)
         np.testing.assert_allclose(std, white)
         np.testing.assert_allclose(nu, freedom)

@@ -73,8 +73,8 @@ def test_a_log_without_such_columns_has_no_sensor() -> None:
     recording = opened(recorded())
     assert recording.log.columns.sensors == ()
     assert shown(recording)[1] == {}
-    one = opened(table().drop(SIX))
-    assert list(shown(one)[1]) == ["gauge1"]
+    gauged = opened(table().drop(SIX))
+    assert list(shown(gauged)[1]) == ["gauge1"]
 
 
 def test_units_signs_and_zeros_of_each_column() -> None:
@@ -147,8 +147,8 @@ def test_numbers_that_are_missing_do_not_count_and_are_reported(tmp_path: Path) 
     assert np.flatnonzero(np.isnan(found["plate"]).any(axis=0)).tolist() == at.tolist()
     assert np.isnan(found["plate"][:, at]).all()
     assert np.isfinite(found["gauge1"]).all()
-    (told,) = (text for text in recording.log.warnings if "plate.my" in text)
-    assert "5 of 1500 rows, the first row 602" in told
+    (warning,) = (text for text in recording.log.warnings if "plate.my" in text)
+    assert "5 of 1500 rows, the first row 602" in warning
 
 
 @pytest.mark.parametrize(
@@ -211,8 +211,8 @@ def test_lost_rows_leave_a_gap_and_jitter_is_interpolated() -> None:
     time, found = shown(opened(lost))
     untold = time[np.isnan(found["plate"]).any(axis=0)]
     np.testing.assert_allclose(untold, frame["t"].to_numpy()[[700, 701, 1500]], atol=1e-6)
-    told = np.isfinite(found["plate"]).all(axis=0)
-    np.testing.assert_allclose(found["plate"][:, told], truth(time)[told, :6].T, atol=1e-9)
+    finite = np.isfinite(found["plate"]).all(axis=0)
+    np.testing.assert_allclose(found["plate"][:, finite], truth(time)[finite, :6].T, atol=1e-9)
     # Samples that were taken unevenly: sensors are interpolated as motion and torques are.
     t = frame["t"].to_numpy() + 2e-4 * rng.uniform(-1, 1, len(frame))
     names = [name for name in frame.columns if name[0] in "qt" and name != "t"]
@@ -234,8 +234,8 @@ def test_stale_rows_do_not_count() -> None:
     time, found = shown(recording)
     untold = time[np.isnan(found["gauge1"][0])]
     assert set(np.round(untold, 6)) >= {round(k / 1000, 6) for k in range(1200, 1220)}
-    told = np.isfinite(found["gauge1"][0])
-    np.testing.assert_allclose(found["gauge1"][0, told], truth(time)[told, 6], atol=1e-9)
+    finite = np.isfinite(found["gauge1"][0])
+    np.testing.assert_allclose(found["gauge1"][0, finite], truth(time)[finite, 6], atol=1e-9)
 
 
 @pytest.mark.parametrize("late", [0.003, 0.0034])
@@ -256,9 +256,9 @@ def test_a_late_sensor_is_put_beside_the_motion(late: float) -> None:
     plate = SensorColumns(columns=tuple(SIX), delay=late)
     mapping = ColumnMapping(sensors={"plate": plate})
     time, found = shown(opened(frame, mapping))
-    told = np.isfinite(found["plate"]).all(axis=0)
-    assert told.mean() > 0.95
-    np.testing.assert_allclose(found["plate"][:, told], truth(time)[told, :6].T, atol=1e-6)
+    finite = np.isfinite(found["plate"]).all(axis=0)
+    assert finite.mean() > 0.95
+    np.testing.assert_allclose(found["plate"][:, finite], truth(time)[finite, :6].T, atol=1e-6)
     np.testing.assert_allclose(found["gauge1"], truth(time)[:, 6:].T, atol=1e-9)
     excerpt = opened(frame, mapping).excerpted().brief
     time, again = shown(excerpt)

@@ -178,9 +178,9 @@ def test_motors_of_a_mechanism_of_ones_own_may_turn_about_any_axis(tmp_path: Pat
 def test_struts_that_are_not_determined_are_refused(robot: str, strut: str, message: str) -> None:
     described = load_robot(robot)
     described = described.changed(limbs=described.limbs.changed(strut_spacing=None))
-    with pytest.raises(DescriptionError, match=r"sensors\.gauge\.strut") as told:
+    with pytest.raises(DescriptionError, match=r"sensors\.gauge\.strut") as caught:
         sensor_rows(Dynamics(described), "gauge", StrutForce(kind="strut-force", strut=strut))
-    assert message in str(told.value)
+    assert message in str(caught.value)
 
 
 def test_other_sensors_without_a_place_are_refused() -> None:
@@ -189,16 +189,16 @@ def test_other_sensors_without_a_place_are_refused() -> None:
         sensor_rows(dynamics, "s", JointTorque(kind="joint-torque", drive="drive5"))
     with pytest.raises(DescriptionError, match="no turn moves nothing"):
         sensor_rows(dynamics, "s", plate(motor_turns=0.0))
-    one = sensor_twin(SUMS[3]).dynamics
+    pair_dynamics = sensor_twin(SUMS[3]).dynamics
     with pytest.raises(DescriptionError, match="one strut each"):
-        sensor_rows(one, "s", StrutForce(kind="strut-force", strut="strut1a"))
+        sensor_rows(pair_dynamics, "s", StrutForce(kind="strut-force", strut="strut1a"))
 
 
 def test_a_robot_without_sensors_pays_nothing() -> None:
     dynamics = Dynamics(load_robot("clavel-delta3"))
     assert all_sensor_rows(dynamics) == ()
     assert "equations" not in vars(dynamics)
-    told = {"plate": plate(), "gauge": StrutForce(kind="strut-force", strut="strut1")}
-    robot = dynamics.robot.changed(sensors=told)
+    sensors = {"plate": plate(), "gauge": StrutForce(kind="strut-force", strut="strut1")}
+    robot = dynamics.robot.changed(sensors=sensors)
     rows = all_sensor_rows(Dynamics(robot))
     assert [row.name for row in rows] == ["plate", "gauge"]

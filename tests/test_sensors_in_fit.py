@@ -37,19 +37,21 @@ def test_intervals_of_what_sensors_show_hold(case: str) -> None:
         problem, found = identified("clavel-delta3", of, p, SPREAD, rng)
         left = problem.information.rms(problem.values)[3:]
         np.testing.assert_allclose(left / problem.information.levels, problem.noise, rtol=0.1)
-        told = [
+        determined = [
             (parameter, x)
             for parameter, x in zip(found, p, strict=True)
             if parameter.determined_by == "data"
         ]
         held += [
             parameter.low <= x <= parameter.high
-            for parameter, x in told
+            for parameter, x in determined
             if parameter.low is not None
         ]
-        z += [(parameter.value - x) / parameter.std for parameter, x in told]
+        z += [(parameter.value - x) / parameter.std for parameter, x in determined]
         shares = {
-            parameter.name: parameter.share for parameter, _ in told if parameter.share is not None
+            parameter.name: parameter.share
+            for parameter, _ in determined
+            if parameter.share is not None
         }
         name = "P.mcx" if case == "wrench" else "P.m"
         assert shares[name].sensors > 0.5
@@ -69,9 +71,9 @@ def test_gains_of_drives_follow_from_a_plate_without_any_load() -> None:
         if correction.kind == "gain"
     }
     for i, c in gains.items():
-        one = found[f"drive{i + 1}"]
-        assert one.value == pytest.approx(c, rel=3e-3)
-        assert "plate" in one.text
+        gain = found[f"drive{i + 1}"]
+        assert gain.value == pytest.approx(c, rel=3e-3)
+        assert "plate" in gain.text
     (plate,) = model.sensors
     assert [channel.name for channel in plate.channels][:2] == ["plate.fx", "plate.fy"]
     biases = [parameter for parameter in plate.parameters if "bias" in parameter.name]

@@ -282,8 +282,8 @@ def test_noise_that_does_not_come_back_is_no_feedback() -> None:
     rng, q = np.random.default_rng(0), quiet.rows.q
     noisy = q + 2 * np.pi / 2.0**13 * rng.uniform(-0.5, 0.5, q.shape)
     log = Recording.from_arrays(q=noisy, tau=quiet.rows.tau, rate=RATE)
-    one = evidence(quiet.robot, log, settings=Settings(lag="none", friction="described"))
-    assert all(verdict.grade is Grade.GOOD for verdict in checked_feedback(one))
+    noisy_evidence = evidence(quiet.robot, log, settings=Settings(lag="none", friction="described"))
+    assert all(verdict.grade is Grade.GOOD for verdict in checked_feedback(noisy_evidence))
 
 
 def test_a_lag_that_noise_hides_is_left_alone_and_said() -> None:

@@ -83,12 +83,12 @@ def of_tool(robot: RobotDescription, z: np.ndarray) -> list[Line]:
         return [("TU", top, middle), ("TL", middle, bottom), ("EE", z[:3], pointer)]
     if isinstance(platform, RigidPlatform):
         return []
-    one, other = prior_oracle(robot).parts(z)
+    first, second = prior_oracle(robot).parts(z)
     size = np.mean([np.linalg.norm(limb.attachment) for limb in robot.limb_geometry])
     tool = tool_point(robot, z)
     pointer = tool + max(0.5 * size, 0.03) * direction(z[3])
     joining = {"h4": "MB", "par4": "R", "i4": "HP"}[platform.kind]
-    return [(joining, one, other), ("EE", tool, pointer)]
+    return [(joining, first, second), ("EE", tool, pointer)]
 
 
 def in_order(lines: list[Line]) -> dict[str, np.ndarray]:

@@ -117,29 +117,29 @@ def of_zeros(rng: np.random.Generator, columns: int) -> Shifts:
 
 
 def test_a_zero_alone_errs_as_a_sum_of_its_blocks() -> None:
-    told = of_zeros(np.random.default_rng(0), 1)
-    value, covariance = told.estimate([0])
-    s, H = told.scores[:, 0], told.H[0, 0]
+    shift = of_zeros(np.random.default_rng(0), 1)
+    value, covariance = shift.estimate([0])
+    s, H = shift.scores[:, 0], shift.H[0, 0]
     np.testing.assert_allclose(value, s.sum() / H)
     np.testing.assert_allclose(covariance, OF_ZEROS * np.var(s, ddof=1) / H**2)
     np.testing.assert_allclose(
-        told.certainty([0]), abs(s.sum()) / np.sqrt(OF_ZEROS * s.var(ddof=1))
+        shift.certainty([0]), abs(s.sum()) / np.sqrt(OF_ZEROS * s.var(ddof=1))
     )
-    np.testing.assert_allclose(told.gain([0]), s.sum() ** 2 / H / told.squares)
+    np.testing.assert_allclose(shift.gain([0]), s.sum() ** 2 / H / shift.squares)
 
 
 def test_zeros_beside_each_other_err_together() -> None:
     """By a sandwich with as many degrees of freedom less as there are columns in all."""
-    told = of_zeros(np.random.default_rng(1), 3)
-    s, bread = told.scores, np.linalg.inv(told.H)
+    shifts = of_zeros(np.random.default_rng(1), 3)
+    s, bread = shifts.scores, np.linalg.inv(shifts.H)
     spread = np.cov(s.T) * OF_ZEROS * (OF_ZEROS - 1) / (OF_ZEROS - 3)
     at = np.ix_([0, 2], [0, 2])
     expected = (bread @ spread @ bread)[at]
-    value, covariance = told.estimate([0, 2], [1])
+    value, covariance = shifts.estimate([0, 2], [1])
     np.testing.assert_allclose(value, (bread @ s.sum(axis=0))[[0, 2]])
     np.testing.assert_allclose(covariance, expected)
     squared = value @ np.linalg.solve(expected, value) / 2  # a number of deviations each
-    np.testing.assert_allclose(told.certainty([0, 2], [1]), np.sqrt(squared))
+    np.testing.assert_allclose(shifts.certainty([0, 2], [1]), np.sqrt(squared))
 
 
 def test_zeros_err_as_they_say() -> None:
@@ -159,12 +159,12 @@ def test_a_pattern_surprises_by_what_it_explains_over_the_scatter(alike: bool) -
     noise -= Q @ (Q.T @ noise)
     left = 40.0 * Q[:, 0] + noise
     span, pattern = Span.of_columns(0 * columns), EffectCandidate("one", "", columns, tries=2.0)
-    (one,) = account([pattern], lambda _: (), ROWS.groups, span, left).first
+    (step,) = account([pattern], lambda _: (), ROWS.groups, span, left).first
     level = noise @ noise / (len(left) - 2)
     if alike:
         level = np.sum(of_stretches(Q, noise) ** 2) / 2 * STRETCHES / (STRETCHES - 1)
     # The probability that χ² with two degrees of freedom exceeds x is e^(−x/2).
-    assert one.surprise == pytest.approx(0.5 * 1600 / level / np.log(10) - 2.0)
+    assert step.surprise == pytest.approx(0.5 * 1600 / level / np.log(10) - 2.0)
 
 
 @pytest.mark.parametrize("alike", [True, False])

@@ -197,8 +197,10 @@ def test_numbers_and_corrections_are_counted(model: IdentifiedModel, error: Torq
 )
 def test_the_absolute_scale_rests_on_torque_constants_or_is_known(case: str, rests: bool) -> None:
     lines = summary(identified(case).result).lines
-    told = [line for line in lines if "torque constants" in line and "absolute scale" in line]
-    assert len(told) == rests
+    scale_lines = [
+        line for line in lines if "torque constants" in line and "absolute scale" in line
+    ]
+    assert len(scale_lines) == rests
 
 
 def test_a_robot_at_its_prior_is_not_called_identified(folder: Path) -> None:
@@ -223,11 +225,11 @@ def test_terminal_and_page_say_the_same(folder: Path, tmp_path: Path) -> None:
 def test_a_model_keeps_its_verdict(folder: Path, tmp_path: Path) -> None:
     file = tmp_path / "model.yaml"
     words = ("identify", folder / "robot.yaml", folder / "log.csv", "-o", file)
-    told = accepted(*words, "--verify", folder / "verify.csv")
+    outcome = accepted(*words, "--verify", folder / "verify.csv")
     known = load(file)
     said = summary(known)
     assert said.grade is Trust.GOOD
-    assert said.sentence in told.out
+    assert said.sentence in outcome.out
     assert known.identified.verification.log.endswith("verify.csv")
     assert f"{said.sentence} Verified on" in known.provenance
     day = known.identified.identified_on

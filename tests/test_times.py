@@ -73,8 +73,8 @@ def test_a_date_that_is_none_is_named(tmp_path) -> None:
         (write(tmp_path / "log.csv", text(frame, ";")), 42),
         (write(tmp_path / "log.parquet", frame), 41),
     ):
-        told = f"row {row}: column t is '2025-02-30T00:00:00Z', not a finite number"
-        assert told in refusal(read, path)
+        message = f"row {row}: column t is '2025-02-30T00:00:00Z', not a finite number"
+        assert message in refusal(read, path)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
@@ -112,12 +112,12 @@ def test_a_rate_that_a_time_column_contradicts(tmp_path, clavel: Dynamics) -> No
     assert not open_log(path, clavel.kinematics, at[1000]).warnings
     log = open_log(path, clavel.kinematics, at[500])
     assert log.rate == pytest.approx(500)
-    (told,) = log.warnings
-    assert "column t makes a rate of 1000 Hz, but the mapping states 500 Hz in its place" in told
+    (warning,) = log.warnings
+    assert "column t makes a rate of 1000 Hz, but the mapping states 500 Hz in its place" in warning
     verdicts = deltaid.check("clavel-delta3", path, columns=at[500])
     clock = next(verdict for verdict in verdicts if verdict.key == "clock")
     assert clock.grade is Grade.DOUBTFUL
-    assert clock.seen in told
+    assert clock.seen in warning
 
 
 @pytest.mark.parametrize(("bits", "signed"), [(8, False), (16, False), (16, True), (32, False)])
@@ -128,8 +128,8 @@ def test_cycle_counters_overflow(tmp_path, clavel: Dynamics, bits: int, signed: 
         counts -= 2 ** (bits - 1)
     frame, mapping = with_time(counts, column="t", rate=1000)
     log = open_log(write(tmp_path / "log.csv", frame), clavel.kinematics, mapping)
-    (told,) = log.warnings
-    assert told.startswith(
+    (warning,) = log.warnings
+    assert warning.startswith(
         f"column t starts again after {2**bits} counts ({bits} bits) in 1 row, the first row 152: "
         "taken to go on; likeliest cause: a counter that is full"
     )

@@ -270,7 +270,7 @@ def test_tolerances_by_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("tolerances", "told"),
+    ("tolerances", "message"),
     [
         ({"lengths": {"forearm": 1e-3}}, "forearm"),
         ({"homing": {"drive4": 1e-3}}, "drive4"),
@@ -279,8 +279,8 @@ def test_tolerances_by_name() -> None:
         ({"mounting": -0.001}, "mounting"),
     ],
 )
-def test_tolerances_that_cannot_be(tolerances: dict, told: str) -> None:
-    with pytest.raises(DescriptionError, match=told):
+def test_tolerances_that_cannot_be(tolerances: dict, message: str) -> None:
+    with pytest.raises(DescriptionError, match=message):
         load_robot("clavel-delta3").changed(tolerances=tolerances)
 
 

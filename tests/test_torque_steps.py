@@ -177,8 +177,8 @@ def test_what_samples_next_to_a_step_miss_is_a_share_of_it() -> None:
     # A mean square of n numbers scatters by √(2/n); four times that is chance.
     chance = 1 + 4 * np.sqrt(2 / near.sum())
     for share, is_beyond in ((0.999, False), (1.001, True)):
-        one = Local(np.where(near, np.sqrt(share * chance), 1.0), 0.5)
-        assert (misfit(one, of_drive, 0.0) > 0) == is_beyond
+        local = Local(np.where(near, np.sqrt(share * chance), 1.0), 0.5)
+        assert (misfit(local, of_drive, 0.0) > 0) == is_beyond
 
 
 def test_a_step_is_distinguished_from_a_slope_over_many_samples() -> None:

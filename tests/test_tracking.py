@@ -76,12 +76,12 @@ class Overheard:
     """A controller that remembers what it was told."""
 
     law: Controller
-    told: list[tuple[np.ndarray, ...]] = field(default_factory=list)
+    received: list[tuple[np.ndarray, ...]] = field(default_factory=list)
 
     def torque(
         self, model: ControlModel, q: np.ndarray, qd: np.ndarray, desired: Desired
     ) -> np.ndarray:
-        self.told.append((q[0], qd[0], desired.q[0], desired.qd[0]))
+        self.received.append((q[0], qd[0], desired.q[0], desired.qd[0]))
         return self.law.torque(model, q, qd, desired)
 
 
@@ -94,7 +94,7 @@ def test_a_law_receives_the_late_error_and_the_motion_in_the_middle_of_its_hold(
         tuned("pd", ControlModel(robot, p).mass_diagonal(trajectory.desired(np.zeros(1)).q), 8.0)
     )
     done = track(Model(robot, p), law, ControlModel(robot, p), trajectory, drives)
-    q, qd, q_desired, qd_desired = (np.array(part) for part in zip(*law.told, strict=True))
+    q, qd, q_desired, qd_desired = (np.array(part) for part in zip(*law.received, strict=True))
     middle = trajectory.desired(done.time + 0.5 / drives.rate)
     np.testing.assert_array_equal(q_desired, middle.q)
     np.testing.assert_array_equal(qd_desired, middle.qd)
@@ -158,8 +158,8 @@ def test_page_of_a_comparison_counts_nobody_who_was_lost() -> None:
         ControllerRun("computed-torque", "identified", made_up(0.001, 0.0)),
     )
     page = comparison_page(robot, runs, "a on b", Drives(delay=2), 12.0)
-    told = [(fact.label, fact.value) for fact in page.facts]
-    assert told == [
+    facts = [(fact.label, fact.value) for fact in page.facts]
+    assert facts == [
         ("least error of the platform", "0.2 mm"),
         ("pd-feedforward", "250 times nearer"),
     ]

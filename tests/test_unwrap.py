@@ -21,11 +21,11 @@ from logs import read, recorded, tabled, write
 TURN, BITS = 360.0, 2.0**16
 
 
-def unwrapped(one: Unwrapper, x: np.ndarray, *cuts: int) -> np.ndarray:
+def unwrapped(unwrapper: Unwrapper, x: np.ndarray, *cuts: int) -> np.ndarray:
     """All numbers, given in pieces."""
     rows = np.array([0, *cuts, len(x)])
     pieces = zip(np.split(x, list(cuts)), rows[:-1], strict=True)
-    return np.concatenate([one.add(piece, int(row)) for piece, row in pieces])
+    return np.concatenate([unwrapper.add(piece, int(row)) for piece, row in pieces])
 
 
 def angle() -> Unwrapper:
@@ -45,19 +45,19 @@ def test_angles_go_on_as_they_went(low: float) -> None:
     whole += wrapped[0] - whole[0]
     crossed = np.flatnonzero(np.abs(np.diff(wrapped)) > 0.5 * TURN)
     for cuts in ((), (1, 2, 3), tuple(range(1, 300)), tuple(crossed), tuple(crossed + 1)):
-        one = angle()
-        np.testing.assert_allclose(unwrapped(one, wrapped, *cuts), whole, atol=1e-9)
-        assert (one.count, one.first) == (len(crossed), crossed[0] + 1)
-        assert one.period == TURN
+        unwrapper = angle()
+        np.testing.assert_allclose(unwrapped(unwrapper, wrapped, *cuts), whole, atol=1e-9)
+        assert (unwrapper.count, unwrapper.first) == (len(crossed), crossed[0] + 1)
+        assert unwrapper.period == TURN
 
 
 def test_pieces_number_their_first_row() -> None:
-    one = angle()
-    one.add(np.array([340.0, 350.0]), 100)
-    assert one.count == 0
-    np.testing.assert_array_equal(one.add(np.array([0.0, 10.0]), 102), [360.0, 370.0])
-    np.testing.assert_array_equal(one.add(np.array([20.0]), 104), [380.0])
-    assert (one.count, one.first) == (1, 102)
+    unwrapper = angle()
+    unwrapper.add(np.array([340.0, 350.0]), 100)
+    assert unwrapper.count == 0
+    np.testing.assert_array_equal(unwrapper.add(np.array([0.0, 10.0]), 102), [360.0, 370.0])
+    np.testing.assert_array_equal(unwrapper.add(np.array([20.0]), 104), [380.0])
+    assert (unwrapper.count, unwrapper.first) == (1, 102)
 
 
 @pytest.mark.parametrize("period", [TURN, BITS])
@@ -77,10 +77,10 @@ def test_a_new_round_begins_within_the_range(
     """From 0 to one period, or half of it to either side, and a hundredth beyond: what leaps
     elsewhere has moved."""
     x = np.round(period * np.array([before, before, after, after]), 0)
-    one = angle() if period == TURN else counter()
+    unwrapper = angle() if period == TURN else counter()
     back = np.sign(before - after) * period if inside else 0.0
-    np.testing.assert_allclose(unwrapped(one, x), x + np.array([0.0, 0.0, back, back]))
-    assert one.count == inside
+    np.testing.assert_allclose(unwrapped(unwrapper, x), x + np.array([0.0, 0.0, back, back]))
+    assert unwrapper.count == inside
 
 
 @pytest.mark.parametrize(
@@ -94,25 +94,25 @@ def test_a_leap_between_small_steps_is_a_new_round(steps: list[int], rounds: int
     """It misses a period by less than a quarter; so do the steps beside it from rest."""
     x = 270.0 - steps[0] + np.cumsum([0.0, *steps])
     for cuts in ((), (1,), (2,), (1, 2)):
-        one = angle()
-        unwrapped(one, x, *cuts)
-        assert one.count == rounds
+        unwrapper = angle()
+        unwrapped(unwrapper, x, *cuts)
+        assert unwrapper.count == rounds
 
 
 def test_counts_are_whole_numbers() -> None:
     """A leap of 65 536 of what has fractions is none of a counter of 16 bits."""
     x = np.array([65_530.0, 65_535.0, 1.0, 6.0])
-    one, other = counter(), counter()
-    np.testing.assert_array_equal(unwrapped(one, x), [65_530.0, 65_535.0, 65_537.0, 65_542.0])
-    assert one.period == 2.0**16
+    unwrapper, other = counter(), counter()
+    np.testing.assert_array_equal(unwrapped(unwrapper, x), [65_530.0, 65_535.0, 65_537.0, 65_542.0])
+    assert unwrapper.period == 2.0**16
     np.testing.assert_array_equal(unwrapped(other, x + 0.5), x + 0.5)
 
 
 def test_the_nearest_period_is_taken_and_kept() -> None:
-    one = Unwrapper("q", (65_000.0,), (2.0**16, 2.0**24))
+    unwrapper = Unwrapper("q", (65_000.0,), (2.0**16, 2.0**24))
     x = np.array([65_000.0, 65_530.0, 2.0, 10.0])
-    np.testing.assert_array_equal(unwrapped(one, x)[2:], x[2:] + 2.0**16)
-    assert one.period == 2.0**16
+    np.testing.assert_array_equal(unwrapped(unwrapper, x)[2:], x[2:] + 2.0**16)
+    assert unwrapper.period == 2.0**16
     other = Unwrapper("q", (), (2.0**16, 2.0**24))
     top = np.array([2.0**24 - 8.0, 2.0**24 - 1.0, 6.0, 14.0])
     leap = np.array([65_540.0, 65_541.0])  # as far as a smaller counter goes, on a larger one
@@ -123,8 +123,8 @@ def test_the_nearest_period_is_taken_and_kept() -> None:
 def test_time_only_counts_up() -> None:
     """A leap back is a new round, one ahead is none: it lacks rows."""
     for x, expected in (([250.0, 2.0, 10.0], [250.0, 258.0, 266.0]), ([2.0, 250.0, 255.0], None)):
-        one = Unwrapper("q", (), (2.0**8,), rising=True)
-        np.testing.assert_array_equal(unwrapped(one, np.array(x)), expected or x)
+        unwrapper = Unwrapper("q", (), (2.0**8,), rising=True)
+        np.testing.assert_array_equal(unwrapped(unwrapper, np.array(x)), expected or x)
 
 
 @pytest.mark.parametrize(
@@ -219,8 +219,8 @@ def test_a_wrapped_fourth_axis_goes_on(tmp_path) -> None:
     rows = np.flatnonzero(np.abs(np.diff(wrapped)) > np.pi) + 3  # header, and rows from 1
     path = _written(recording.with_columns(pl.Series("q4", wrapped)), tmp_path / "wrapped.csv")
     log = open_log(path, kinematics)
-    (told,) = log.warnings
-    assert told.startswith(
+    (warning,) = log.warnings
+    assert warning.startswith(
         f"column q4 starts again after 6.28319, one turn, in {len(rows)} rows, the first row "
         f"{rows[0]}: taken to go on; likeliest cause: the controller keeps angles within one turn"
     )

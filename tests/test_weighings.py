@@ -67,8 +67,10 @@ def test_every_quantity_of_bodies_together_is_that_of_their_points() -> None:
     }
     for quantity, (truth, keys) in given.items():
         value = centre if quantity == "centre" else 1.0
-        one = MeasuredTogether.model_validate({quantity: value, "std": 0.01, "of": placed, **keys})
-        row = weighing(one, one.placed, layout, p)
+        measurement = MeasuredTogether.model_validate(
+            {quantity: value, "std": 0.01, "of": placed, **keys}
+        )
+        row = weighing(measurement, measurement.placed, layout, p)
         assert row.coefficients @ p == pytest.approx(truth, rel=1e-12)
         if quantity == "centre":
             assert (row.value, row.std) == pytest.approx((0.0, 0.01 * m.sum()))
@@ -117,11 +119,11 @@ def test_a_weighing_that_the_recording_contradicts_is_reported(body: str, off: f
     wrong = [
         value | {"mass": value["mass"] + off} if value["of"] == body else value for value in values
     ]
-    told = identify(robot.changed(measured=wrong), log, settings=PLAIN).model.warnings
+    warnings = identify(robot.changed(measured=wrong), log, settings=PLAIN).model.warnings
     assert any(
         "standard deviations apart" in text
         and "the recording, with what else was measured, says" in text
-        for text in told
+        for text in warnings
     )
 
 
@@ -131,8 +133,8 @@ def test_a_weighing_that_only_consistency_contradicts_is_reported() -> None:
     log, (row,) = recorded("clavel-delta3", of, p, rng), weighings(of.robot)
     heavy = [{"of": "P", "mass": 3.0 * float(row.coefficients @ p), "std": 0.005}]
     model = identify(of.robot.changed(measured=heavy), log, settings=PLAIN).model
-    (told,) = (text for text in model.warnings if text.startswith("measured"))
-    assert "the fit, whose bodies must be possible, says" in told
+    (warning,) = (text for text in model.warnings if text.startswith("measured"))
+    assert "the fit, whose bodies must be possible, says" in warning
 
 
 def test_only_what_no_torque_shows_becomes_free() -> None:
@@ -185,8 +187,10 @@ def test_a_prior_that_is_stated_to_be_wide_is_not_contradicted() -> None:
     heavy[of.reduction.layout.body("P")] *= 1.6
     log = recorded("clavel-delta3", of, heavy, rng)
     settings = PLAIN.changed(prior_spread=0.1)
-    told = identify(of.robot, log, settings=settings).model.corrections
-    assert any((correction.kind, correction.subject) == ("prior", "P") for correction in told)
+    corrections = identify(of.robot, log, settings=settings).model.corrections
+    assert any(
+        (correction.kind, correction.subject) == ("prior", "P") for correction in corrections
+    )
     bodies = dict(of.robot.bodies)
     bodies["P"] = bodies["P"].changed(spread=1.0)
     unsure = identify(of.robot.changed(bodies=bodies), log, settings=settings).model.corrections
@@ -202,8 +206,8 @@ def test_what_is_weighed_says_that_it_rests_on_torque_constants() -> None:
     log = recorded(name, of, p, rng)
     large = log.with_columns(pl.selectors.starts_with("tau") * 1.03)
     right, wrong = (identify(of.robot, table, settings=PLAIN).model for table in (log, large))
-    (told,) = (text for text in right.warnings if "torque constants" in text)
-    foretold = dict(re.findall(r"(\S+) by ([\d.]+) %", told))
+    (warning,) = (text for text in right.warnings if "torque constants" in text)
+    foretold = dict(re.findall(r"(\S+) by ([\d.]+) %", warning))
     assert len(foretold) == 3
     values = [
         {parameter.name: parameter.value for parameter in model.parameters}

@@ -59,13 +59,13 @@ def verdict(name: str = "clavel-delta3", unit: str = "rad", **which: bool) -> Ve
 
 
 @pytest.mark.parametrize(
-    ("name", "unit", "told"), [("clavel-delta3", "rad", "mrad"), ("linear-delta", "mm", "mm")]
+    ("name", "unit", "unit_text"), [("clavel-delta3", "rad", "mrad"), ("linear-delta", "mm", "mm")]
 )
-def test_a_zero_that_is_off(name: str, unit: str, told: str) -> None:
+def test_a_zero_that_is_off(name: str, unit: str, unit_text: str) -> None:
     found = verdict(name, unit, zero=True, either=False)
-    assert found.cause == f"homing: a zero of drive2 that is 30 ± 2 {told} off"
+    assert found.cause == f"homing: a zero of drive2 that is 30 ± 2 {unit_text} off"
     assert "explains 90 % of the residual" in found.seen
-    assert (found.number, found.unit) == (pytest.approx(-30.0), told)
+    assert (found.number, found.unit) == (pytest.approx(-30.0), unit_text)
     assert found.subject == "drive2"
 
 

@@ -29,9 +29,11 @@ def case(row: str, kind: str = "delta4", seed: int = 0) -> Case:
         return Case(row, kind, seed, m, m.robot, (h,), (sensors,), (log,))
     if row in CAUSES:
         made = CAUSES[row].make(Made(h, Sensors()), rng)
-        h, one = made.happening, made.sensors
-        log = one.recorded(h)
-        return Case(row, kind, seed, h.machine, m.robot, (h,), (one,), (log,), (), made.words)
+        h, sensor_set = made.happening, made.sensors
+        log = sensor_set.recorded(h)
+        return Case(
+            row, kind, seed, h.machine, m.robot, (h,), (sensor_set,), (log,), (), made.words
+        )
     if row == "gains":
         gain = 1 + rng.uniform(-0.1, 0.1, m.dof)
         loaded = replace(h, seed=h.seed + 1, duration=h.duration, load=load_of(m, rng),
@@ -39,8 +41,8 @@ def case(row: str, kind: str = "delta4", seed: int = 0) -> Case:
         sensors = (Sensors(gain=gain),) * 2
         both = (h, loaded)
     else:
-        h, one = (ROWS | TIMING)[row].make(h, rng)
-        both, sensors = (h,), (one,)
+        h, sensor_set = (ROWS | TIMING)[row].make(h, rng)
+        both, sensors = (h,), (sensor_set,)
     logs = tuple(s.recorded(x) for s, x in zip(sensors, both, strict=True))
     return Case(row, kind, seed, both[0].machine, m.robot, both, sensors, logs,
                 (ROWS | TIMING)[row].tells)  # fmt: skip

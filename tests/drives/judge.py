@@ -97,8 +97,8 @@ class Judged:
 def judge(case: Case, result: Identified) -> Judged:
     """Compare an identification with the truth."""
     model, happening, sensors = result.model, case.happenings[0], case.sensors[0]
-    told = model.corrections
-    kinds = [correction.kind for correction in told]
+    corrections = model.corrections
+    kinds = [correction.kind for correction in corrections]
     offset = np.asarray(sensors.offset) * np.abs(happening.truth.tau).max(axis=0)
     link = happening.carried
     return Judged(
@@ -108,11 +108,11 @@ def judge(case: Case, result: Identified) -> Judged:
         friction_as_measured=friction_error(happening, model, link, sensors.gain, offset),
         friction_shape=friction_shape_error(happening, model, link),
         curves=tuple(curves_held(happening, model)),
-        lag=_lag_error(case, told),
-        load=_load_error(happening, told),
+        lag=_lag_error(case, corrections),
+        load=_load_error(happening, corrections),
         changes=_changes(happening, result.verdicts),
-        gains=tuple(_gain_errors(case, told)),
-        gains_held=tuple(_gains_held(case, told)),
+        gains=tuple(_gain_errors(case, corrections)),
+        gains_held=tuple(_gains_held(case, corrections)),
         contacts=_contacts(happening, result) if happening.contacts else None,
         bodies=tuple(_bodies(case, model)),
         base=tuple(_base(case, result)),
@@ -124,25 +124,25 @@ def judge(case: Case, result: Identified) -> Judged:
                 if verdict.grade in (Grade.DOUBTFUL, Grade.WRONG)
             )
         ),
-        texts=(*(correction.text for correction in told), *model.warnings),
+        texts=(*(correction.text for correction in corrections), *model.warnings),
     )
 
 
-def _last_correction(told: Sequence[Correction], kind: str, drive: str) -> Correction | None:
+def _last_correction(corrections: Sequence[Correction], kind: str, drive: str) -> Correction | None:
     """The last correction of a kind about a drive, or about all."""
     found = [
         correction
-        for correction in told
+        for correction in corrections
         if correction.kind == kind and correction.subject in (drive, "")
     ]
     return found[-1] if found else None
 
 
-def _lag_error(case: Case, told: Sequence[Correction]) -> float | None:
+def _lag_error(case: Case, corrections: Sequence[Correction]) -> float | None:
     """Lag error of the worst drive; a drive without a correction has no lag."""
     robot = case.robot
     true = np.broadcast_to(np.asarray(case.sensors[0].lag), len(robot.drives))
-    found = [_last_correction(told, "lag", drive) for drive in robot.drives]
+    found = [_last_correction(corrections, "lag", drive) for drive in robot.drives]
     if all(correction is None for correction in found):
         return None
     values = [0.0 if lag is None or lag.value is None else lag.value * _SECONDS.get(lag.unit, 1.0)
@@ -150,17 +150,17 @@ def _lag_error(case: Case, told: Sequence[Correction]) -> float | None:
     return float(np.max(np.abs(np.array(values) - true)))
 
 
-def _load_error(happening: Happening, told: Sequence[Correction]) -> float | None:
-    loads = [correction for correction in told if correction.kind == "load"]
+def _load_error(happening: Happening, corrections: Sequence[Correction]) -> float | None:
+    loads = [correction for correction in corrections if correction.kind == "load"]
     masses = [load.value for load in loads if load.unit == "kg" and load.value is not None]
     if happening.load is None or not masses:
         return None
     return abs(masses[0] / happening.load.mass - 1)
 
 
-def _gain_errors(case: Case, told: Sequence[Correction]) -> list[float]:
+def _gain_errors(case: Case, corrections: Sequence[Correction]) -> list[float]:
     """Relative errors of gains; a reported gain multiplies recorded torques."""
-    found = [_last_correction(told, "gain", drive) for drive in case.robot.drives]
+    found = [_last_correction(corrections, "gain", drive) for drive in case.robot.drives]
     if any(correction is None or correction.value is None for correction in found):
         return []
     return [
@@ -180,8 +180,8 @@ def _true_gains(case: Case) -> np.ndarray:
     return gain / np.exp(np.mean(np.log(gain[: limbs.count])))
 
 
-def _gains_held(case: Case, told: Sequence[Correction]) -> list[bool]:
-    found = [_last_correction(told, "gain", drive) for drive in case.robot.drives]
+def _gains_held(case: Case, corrections: Sequence[Correction]) -> list[bool]:
+    found = [_last_correction(corrections, "gain", drive) for drive in case.robot.drives]
     truths = zip(found, _true_gains(case), strict=True)
     pairs = [(gain, true) for gain, true in truths if gain is not None]
     return [
@@ -206,8 +206,8 @@ def _changes(happening: Happening, verdicts: Sequence[Verdict]) -> Changes | Non
     spans = lines.get("load.spans")
     right = None
     if spans is not None:
-        told, true = (within(happening.time, x) for x in (spans, happening.held))
-        right = float(np.mean(told == true))
+        reported, true = (within(happening.time, x) for x in (spans, happening.held))
+        right = float(np.mean(reported == true))
     return Changes(None if late is None else abs(late), right)
 
 
@@ -219,9 +219,9 @@ def spans_left_out(result: Identified) -> list[Span]:
 def _contacts(happening: Happening, result: Identified) -> Contacts:
     spans = spans_left_out(result)
 
-    def is_left_out(one: Contact) -> bool:
-        end = one.start + one.length
-        return any(first < end and last > one.start for first, last in spans)
+    def is_left_out(push: Contact) -> bool:
+        end = push.start + push.length
+        return any(first < end and last > push.start for first, last in spans)
 
     strong, weak = [], []
     for contact in happening.contacts:

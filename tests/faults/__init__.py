@@ -36,20 +36,20 @@ def fault(case: Case, kind: str, rng: np.random.Generator) -> Case:
     Raises:
         ImpossibleError: this robot or recording cannot have it, or only too small to be detected.
     """
-    one = KINDS[kind]
-    for _ in range(6 if one.hides else 1):
+    fault_kind = KINDS[kind]
+    for _ in range(6 if fault_kind.hides else 1):
         seed = rng.integers(1 << 32)
-        spoilt = one.change(case, np.random.default_rng(seed))
-        if not one.hides:
+        spoilt = fault_kind.change(case, np.random.default_rng(seed))
+        if not fault_kind.hides:
             break
-        exact = one.change(case.exact, np.random.default_rng(seed))
+        exact = fault_kind.change(case.exact, np.random.default_rng(seed))
         size = shown(exact, spoilt)
         spoilt = replace(spoilt, size=f"{spoilt.size} ({size:.0f} σ)")
         if size >= LEAST:
             break
     else:
         raise ImpossibleError(f"{kind} does not show")
-    return replace(spoilt, kind=kind, keys=one.keys, related=one.related)
+    return replace(spoilt, kind=kind, keys=fault_kind.keys, related=fault_kind.related)
 
 
 def faulty(kind: str, seed: int) -> Case:

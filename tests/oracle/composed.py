@@ -201,10 +201,10 @@ class ComposedOracle(TreeOracle):
 
     def _mounted(self, name: str, body: str) -> Body:
         """The second half of a platform of two equal parts is turned by 180 degrees about z."""
-        one, R = super()._mounted(name, body), rot_z(np.pi)
+        part, R = super()._mounted(name, body), rot_z(np.pi)
         if name != "part1" or body not in _HALVES:
-            return one
-        return Body(one.m, R @ one.mc, R @ one.inertia @ R.T)
+            return part
+        return Body(part.m, R @ part.mc, R @ part.inertia @ R.T)
 
     def _add_platform(self, world: Any) -> tuple[Any, Any]:
         """The platform's bodies in the pose z = 0; returns what the limbs hold."""

@@ -53,11 +53,11 @@ class SensorOracle(ComposedOracle):
         return (*super()._couplings, *rows)
 
     def _add(self, parent: Any, name: str, body: str, count: float = 1, **pose: Any) -> Any:
-        one = self._mounted(name, body)
+        part = self._mounted(name, body)
         beyond = self.outer.get(body)
         if beyond is not None:
-            one = Body(one.m - beyond.m, one.mc - beyond.mc, one.inertia - beyond.inertia)
-        child = attached(parent, name, one, count, **pose)
+            part = Body(part.m - beyond.m, part.mc - beyond.mc, part.inertia - beyond.inertia)
+        child = attached(parent, name, part, count, **pose)
         if beyond is not None:
             attached(child, f"outer_{name}", beyond, count)
         return child
