@@ -130,8 +130,8 @@ def row(made: Line, case: Case) -> tuple[object, ...]:
     signal = np.roll(made.held, -round(case.early * RATE)).astype(float)
     tau = made.tau + case.apart * made.blows
     log = Recording.from_arrays(t=made.time, q=made.q, tau=tau, extra={"gripper": signal})
-    told = case.grip_time is not None
-    replay = open_replay(made.model, log, gripper="gripper" if told else None)
+    has_gripper = case.grip_time is not None
+    replay = open_replay(made.model, log, gripper="gripper" if has_gripper else None)
     settings = OnlineSettings(largest_mass=PAYLOAD, grip_time=case.grip_time or 0.0)
     found = watch(made.model, replay, settings)
     near, holds = judged(made, found)

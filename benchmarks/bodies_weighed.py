@@ -60,14 +60,14 @@ def robot_results(name: str, case: str, seed: int) -> tuple[np.ndarray, dict[str
     found = [model.parameters[k] for k in own]
     low, high, value, std = np.array([(x.low, x.high, x.value, x.std) for x in found]).T
     decided = np.array([x.determined_by in ("data", "measured") for x in found])
-    told = {"linear": Told(value - p, std, (low <= p) & (p <= high))}
+    estimates = {"linear": Told(value - p, std, (low <= p) & (p <= high))}
     try:
         draws = draw(load(model), MODELS, seed).p[:, own]
     except IdentificationError:
-        return decided, told
+        return decided, estimates
     ends = np.quantile(draws, (0.025, 0.975), axis=0)
     by_draws = Told(draws.mean(0) - p, draws.std(0), (ends[0] <= p) & (p <= ends[1]))
-    return decided, told | {"posterior": by_draws}
+    return decided, estimates | {"posterior": by_draws}
 
 
 def rows(name: str, case: str, seeds: int, pool: ProcessPoolExecutor) -> list[tuple[object, ...]]:
@@ -81,14 +81,14 @@ def rows(name: str, case: str, seeds: int, pool: ProcessPoolExecutor) -> list[tu
 
 
 def row(
-    name: str, case: str, kind: str, told: Sequence[Told], some: np.ndarray
+    name: str, case: str, kind: str, estimates: Sequence[Told], some: np.ndarray
 ) -> tuple[object, ...]:
     """Deviations over the scatter of errors, and how often intervals hold, of some entries."""
-    error, std, held = (np.array(each)[:, some] for each in zip(*told, strict=True))
+    error, std, held = (np.array(each)[:, some] for each in zip(*estimates, strict=True))
     ratio = np.sqrt(np.mean(std**2, axis=0) / np.mean(error**2, axis=0))
     share = held.mean(axis=0)
     return (
-        name, case, kind, len(told), int(some.sum()), f"{np.sqrt(np.mean(ratio**2)):.3f}",
+        name, case, kind, len(estimates), int(some.sum()), f"{np.sqrt(np.mean(ratio**2)):.3f}",
         f"{ratio.min():.2f}", f"{ratio.max():.2f}", f"{share.mean():.1%}", f"{share.min():.0%}",
     )  # fmt: skip
 

@@ -62,13 +62,13 @@ def _labels(seeds: int) -> None:
         for poor in (False, True):
             hold, every, errors, widened = Counter[str](), Counter[str](), [], 0
             for seed in range(seeds):
-                one = outcome(
+                result = outcome(
                     robot, run, seed, poor=poor, duration=run.duration, rate=RATE, settings=SETTINGS
                 )
-                held, counted = one.held()
+                held, counted = result.held()
                 hold, every = hold + held, every + counted
-                errors.append(one.mass_error)
-                corrections = getattr(one.found.model, "corrections", ())
+                errors.append(result.mass_error)
+                corrections = getattr(result.found.model, "corrections", ())
                 widened += any(each.kind == "prior" for each in corrections)
             shares = (
                 f"{hold[label]}/{every[label]} = {hold[label] / every[label]:.0%}"

@@ -67,9 +67,9 @@ def line(motion: str, gear: str, made: Case) -> tuple[tuple[str, ...], bool]:
     fixed = np.array([errors(made, cutoff)[1:] for cutoff in FIXED])
     best, at = fixed.min(axis=0), fixed.argmin(axis=0)
     within = all(error <= TIMES * least + MORE for error, least in zip(rule[1:], best, strict=True))
-    told = [f"{FIXED[k]:g} Hz, {100 * x:.2g}" for k, x in zip(at, best, strict=True)]
+    cells = [f"{FIXED[k]:g} Hz, {100 * x:.2g}" for k, x in zip(at, best, strict=True)]
     mine = f"{100 * rule[1]:.2g}, {100 * rule[2]:.2g}"
-    row = (motion, gear, f"{rule[0]:.3g} Hz", mine, *told, "yes" if within else "no")
+    row = (motion, gear, f"{rule[0]:.3g} Hz", mine, *cells, "yes" if within else "no")
     print(*row, sep="; ", flush=True)
     return row, within
 

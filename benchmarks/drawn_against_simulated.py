@@ -30,8 +30,8 @@ def _compared(name: str, count: int) -> tuple[object, ...]:
         drawn = [kind.drawn("a", k, truth, wander=0.0)]
         found["drawn"].append(_estimate(robot, drawn, truth))
         table = simulated(kind.dynamics, truth, k % 2, NOISE, 1000 + k)
-        one = gathered(robot, table, settings=SETTINGS)
-        found["simulated"].append(_estimate(robot, [one], truth))
+        file = gathered(robot, table, settings=SETTINGS)
+        found["simulated"].append(_estimate(robot, [file], truth))
     row: list[object] = [name, count]
     for picks in found.values():
         errors, halves = (np.array(x) for x in zip(*picks, strict=True))

@@ -73,10 +73,10 @@ class DrawnType:
         key = hashlib.sha256(f"{name} {day} {seed}".encode()).hexdigest()
         rng = np.random.default_rng(int(key[:16], 16))
         among = self.loaded if loaded else self.templates
-        one = among[int(rng.integers(len(among)))]
+        base_template = among[int(rng.integers(len(among)))]
         gains = np.broadcast_to(gain, len(self.robot.drives))
-        found = _drawn(one, p, rng, wander, gains)
-        record = _record(one, key, f"{name}-{day:04d}", temperature, day)
+        found = _drawn(base_template, p, rng, wander, gains)
+        record = _record(base_template, key, f"{name}-{day:04d}", temperature, day)
         return FactorFile(record, *found, path=key[:12])
 
 
@@ -88,14 +88,23 @@ def drawn_type(robot: RobotDescription, motions: int, loaded: int = 0) -> DrawnT
 
 
 def _drawn(
-    one: Template, p: np.ndarray, rng: np.random.Generator, wander: float, gain: np.ndarray
+    base_template: Template,
+    p: np.ndarray,
+    rng: np.random.Generator,
+    wander: float,
+    gain: np.ndarray,
 ) -> tuple[FactorGroups, FactorGroups, FactorGroups | None]:
-    dof, n, layout, values = len(gain), len(one.names), one.layout, one.with_load(p)
-    theta = one.to_columns @ values
-    off = theta - one.to_columns @ one.with_load(one.truth)
+    dof, n, layout, values = (
+        len(gain),
+        len(base_template.names),
+        base_template.layout,
+        base_template.with_load(p),
+    )
+    theta = base_template.to_columns @ values
+    off = theta - base_template.to_columns @ base_template.with_load(base_template.truth)
     coulomb, a, felt = p[layout.coulomb][:dof], [], []
-    for i, places in enumerate(one.felt):
-        largest = one.file.whole.torque_max[0, i]
+    for i, places in enumerate(base_template.felt):
+        largest = base_template.file.whole.torque_max[0, i]
         white = NOISE * largest * rng.standard_normal(WHITE) / np.sqrt(WHITE)
         slow = wander * coulomb[i] * rng.standard_normal(WANDERING) / np.sqrt(WANDERING)
         a.append(np.concatenate([white, slow]))
@@ -110,17 +119,17 @@ def _drawn(
         square[:, own] *= gain[i]
         return square
 
-    geometry = one.file.geometry
+    geometry = base_template.file.geometry
     if geometry is not None:
         factors = []
         for i, (R,) in enumerate(geometry.factors):
-            places = one.felt[i]
+            places = base_template.felt[i]
             own = len(felt[i])
             Y, D = R[:, :own], R[:, len(places) : -1]
             tau = R[:, -1] + Y @ off[felt[i]]
             factors.append(np.column_stack([Y, D, gain[i] * tau])[None])
         geometry = replace(geometry, factors=tuple(factors))
-    every, split = one.groups
+    every, split = base_template.groups
     factors = [
         np.stack([drawn(i, *each) for each in of_groups]) for i, of_groups in enumerate(split)
     ]
@@ -129,16 +138,20 @@ def _drawn(
     return whole, groups, geometry
 
 
-def _record(one: Template, key: str, log: str, temperature: float | None, day: int) -> FactorRecord:
+def _record(
+    base_template: Template, key: str, log: str, temperature: float | None, day: int
+) -> FactorRecord:
     """The template's, with the recording's own name, checksum and temperature; not validated."""
-    source = one.record.model.sources[0]
+    source = base_template.record.model.sources[0]
     fields = dict(source) | {"log": log, "sha256": key}
-    model = dict(one.record.model) | {"sources": (type(source).model_construct(**fields),)}
+    model = dict(base_template.record.model) | {
+        "sources": (type(source).model_construct(**fields),)
+    }
     start = day * 86400.0
-    own = dict(one.record) | {
-        "model": type(one.record.model).model_construct(**model),
-        "first": start + one.record.first,
-        "last": start + one.record.last,
+    own = dict(base_template.record) | {
+        "model": type(base_template.record.model).model_construct(**model),
+        "first": start + base_template.record.first,
+        "last": start + base_template.record.last,
     }
     if temperature is not None:
         own["temperature"] = Temperature(mean=temperature, low=temperature, high=temperature)

@@ -42,17 +42,17 @@ def write_recordings(folder: Path, lengths: Sequence[int]) -> list[Path]:
     rng, robot = np.random.default_rng(1), load_robot(ROBOT)
     dynamics = compiled(robot)
     motion, p = random_motion(dynamics.kinematics, rng), surrogate_parameters(robot, rng)
-    one = simulate_recording(
+    recording = simulate_recording(
         dynamics, p, motion, rng, duration=motion.period, rate=RATE, noise=SensorNoise(torque=0.0)
     )
-    names = [name for name in one.columns if name.startswith("tau")]
-    largest = {name: float(np.abs(one[name].to_numpy()).max()) for name in names}
+    names = [name for name in recording.columns if name.startswith("tau")]
+    largest = {name: float(np.abs(recording[name].to_numpy()).max()) for name in names}
     paths = list[Path]()
     for k, count in enumerate(lengths):
-        at = np.arange(count) % len(one)
+        at = np.arange(count) % len(recording)
         columns = {"t": np.arange(count) / RATE}
-        for name in one.columns[1:]:
-            values = one[name].to_numpy()[at]
+        for name in recording.columns[1:]:
+            values = recording[name].to_numpy()[at]
             if name in largest:
                 values += 0.02 * largest[name] * rng.standard_normal(count)
             columns[name] = values
@@ -167,32 +167,35 @@ def main() -> None:
         short = write_recordings(folder, [SHORT] * SHORTS)
         size = sum(path.stat().st_size for path in long)
         few = long[: max(2, len(long) // 5)]
-        one = gather(few, folder / "one", 1)
-        two = gather(long, folder / "two", 2)
+        serial = gather(few, folder / "one", 1)
+        parallel = gather(long, folder / "two", 2)
         brief = gather(short, folder / "brief", 1)
-        print(f"memory of workers: {one['peak']:.0f} and {two['peak']:.0f} MB", file=sys.stderr)
+        print(
+            f"memory of workers: {serial['peak']:.0f} and {parallel['peak']:.0f} MB",
+            file=sys.stderr,
+        )
         single = identify(long[0])
         task, week, year = dispatch(), fits(folder / "brief", 7), fits(folder / "brief", DAYS)
-    rate = len(long) * length / two["cpu"]
-    faster = one["wall"] / len(few) / (two["wall"] / len(long))
+    rate = len(long) * length / parallel["cpu"]
+    faster = serial["wall"] / len(few) / (parallel["wall"] / len(long))
     overhead = max(brief["cpu"] / SHORTS - SHORT / rate, 0.0)
     # Processes that got less than most of a core waited for others, and caches were shared.
-    is_busy = one["cpu"] < 0.8 * one["wall"] or two["cpu"] < 1.6 * two["wall"]
-    told = "not known: others used the machine" if is_busy else f"{faster:.2f} times as fast"
+    is_busy = serial["cpu"] < 0.8 * serial["wall"] or parallel["cpu"] < 1.6 * parallel["wall"]
+    speedup = "not known: others used the machine" if is_busy else f"{faster:.2f} times as fast"
     daily = HOUR / rate + overhead + task
     hours = ROBOTS * DAYS * daily / 3600
     refits = ROBOTS * (52 * week + 12 * year) / 3600
-    stored = ROBOTS * DAYS * two["bytes"] / 1e9
+    stored = ROBOTS * DAYS * parallel["bytes"] / 1e9
     gathered = f"{len(long) * length:,} in {len(long)} recordings, {size / 1e9:.2f} GB"
     rows = [
         ("samples gathered", gathered),
-        ("largest memory of a worker", f"{max(one['peak'], two['peak']):.0f} MB"),
+        ("largest memory of a worker", f"{max(serial['peak'], parallel['peak']):.0f} MB"),
         ("gathered, samples a second and core", f"{rate:,.0f}"),
         ("`deltaid identify` of one of them, the same", f"{length / single:,.0f}"),
-        ("two processes against one, wall time", told),
+        ("two processes against one, wall time", speedup),
         ("overhead a recording", f"{overhead:.2f} s"),
         ("overhead a task", f"{1e3 * task:.1f} ms"),
-        ("factor file", f"{two['bytes'] / 1e3:.0f} kB"),
+        ("factor file", f"{parallel['bytes'] / 1e3:.0f} kB"),
         ("fit of a week, 7 factor files", f"{week:.1f} s"),
         ("fit of a year, 365 factor files", f"{year:.1f} s"),
         ("**on paper: 10⁴ robots, an hour at 1 kHz a day**", ""),

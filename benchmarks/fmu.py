@@ -88,8 +88,8 @@ def seconds(name: str) -> tuple[float, int]:
         (work / "main.c").write_text(main.replace("SWING", ", ".join(map(repr, swing.tolist()))))
         command = [shutil.which("gcc") or "cc", "-std=c99", "-O1", "-ffp-contract=off"]
         subprocess.run([*command, "main.c", "unit.c", "-o", "run", "-lm"], cwd=work, check=True)
-        told = subprocess.run([work / "run"], capture_output=True, check=True).stdout.split()
-    return float(told[0]), int(told[1])
+        fields = subprocess.run([work / "run"], capture_output=True, check=True).stdout.split()
+    return float(fields[0]), int(fields[1])
 
 
 def main() -> None:

@@ -89,19 +89,19 @@ def _deltaid(
 
 
 def _kernel_times(name: str, kernel: BatchKernel, x: Array, uniform: Array) -> dict[str, float]:
-    one = x[:, :1].copy()
+    state = x[:, :1].copy()
     together = measure(lambda: kernel(x, uniform, threads=1), REPEATS, CPU)
     return {
         f"{name}, batch": together / x.shape[1],
-        f"{name}, a state at a time": _often(lambda: kernel(one, uniform)),
-        f"{name}, kernel alone": _often(_bare(kernel, one, uniform)),
+        f"{name}, a state at a time": _often(lambda: kernel(state, uniform)),
+        f"{name}, kernel alone": _often(_bare(kernel, state, uniform)),
     }
 
 
-def _bare(kernel: BatchKernel, one: Array, uniform: Array) -> Callable[[], None]:
+def _bare(kernel: BatchKernel, state: Array, uniform: Array) -> Callable[[], None]:
     """The machine code for one vector of equal states, buffers ready."""
     width = kernel._width
-    x, out = np.repeat(one, width, axis=1), np.empty((kernel.n_out, width))
+    x, out = np.repeat(state, width, axis=1), np.empty((kernel.n_out, width))
     shared = np.ascontiguousarray(uniform)
     pointers = [ctypes.c_void_p(a.ctypes.data) for a in (out, x, shared)]
     call, length = kernel._kernel.call, ctypes.c_int64(width)

@@ -94,10 +94,10 @@ class Count:
                 strongest = max(own, key=lambda touch: touch.size)
                 self.places.append(strongest.place == push.place)
 
-    def row(self, name: str, payload: float, told: bool) -> tuple[object, ...]:
+    def row(self, name: str, payload: float, has_signal: bool) -> tuple[object, ...]:
         delays = np.array(self.delays)
         return (
-            f"{name}, {payload:g} kg", "signal" if told else "no signal", len(self.near),
+            f"{name}, {payload:g} kg", "signal" if has_signal else "no signal", len(self.near),
             f"{np.mean(self.near):.1%}", f"{np.mean(self.holds):.1%}",
             f"{1e3 * np.median(self.errors):.0f}", f"{1e3 * np.median(self.widths):.0f}",
             len(delays), f"{np.mean(delays <= LATEST):.1%}",

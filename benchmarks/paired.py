@@ -55,8 +55,8 @@ def ratio(own: list[tuple[dict, dict]], kind: str) -> str:
     return f"{np.median(found):.3f}, {max(found):.2f}" if found else "–"
 
 
-def said_of(one: dict) -> str:
-    return one["refused"] or ", ".join(one["said"]) or "nothing"
+def said_of(outcome: dict) -> str:
+    return outcome["refused"] or ", ".join(outcome["said"]) or "nothing"
 
 
 def is_other(before: dict, after: dict) -> bool:

@@ -36,9 +36,9 @@ def compared(log: Path) -> list[tuple[str, ...]]:
     found = {parameter.name: parameter for parameter in result.model.parameters}
     rows = []
     for name, reference in REFERENCE.items():
-        one = found[name]
-        half, off = 0.5 * (one.high - one.low), 100 * (one.value / reference - 1)
-        numbers = f"{one.value:.4g}", f"{half:.2g}", one.unit, f"{reference:g}"
+        estimate = found[name]
+        half, off = 0.5 * (estimate.high - estimate.low), 100 * (estimate.value / reference - 1)
+        numbers = f"{estimate.value:.4g}", f"{half:.2g}", estimate.unit, f"{reference:g}"
         rows.append((log.stem, name, *numbers, f"{off:+.2f} %"))
     return rows
 

@@ -106,9 +106,9 @@ def _ours(dynamics: Dynamics, motion: Motion, repeats: int) -> dict[str, float]:
     often as the others, as its calls are so short that other work on the machine disturbs them.
     """
     kernel, samples = dynamics._regressor_kernel, len(motion[0])
-    one = measure(lambda: kernel(np.hstack(motion).T, threads=1), 10 * repeats, CPU)
-    two = measure(lambda: kernel(np.hstack(motion).T, threads=2), 10 * repeats)
-    return {OURS: samples / one, OURS_2: samples / two}
+    one_thread = measure(lambda: kernel(np.hstack(motion).T, threads=1), 10 * repeats, CPU)
+    two_threads = measure(lambda: kernel(np.hstack(motion).T, threads=2), 10 * repeats)
+    return {OURS: samples / one_thread, OURS_2: samples / two_threads}
 
 
 def _pinocchio(

@@ -127,10 +127,10 @@ def half_width(low: float, high: float) -> float:
     return (high - low) / 2
 
 
-def differences(one: dict[str, Any], two: dict[str, Any]) -> tuple[list[str], float]:
+def differences(first: dict[str, Any], second: dict[str, Any]) -> tuple[list[str], float]:
     """Decisions that differ, and the largest change of a value in half widths."""
-    other = sorted(set(one["decisions"]) ^ set(two["decisions"]))
-    values, others = one["values"], two["values"]
+    other = sorted(set(first["decisions"]) ^ set(second["decisions"]))
+    values, others = first["values"], second["values"]
     changes = [abs(others[name][0] - value) / half for name, (value, half) in values.items()
                if name in others and half > 0]  # fmt: skip
     return other, max(changes, default=0.0)

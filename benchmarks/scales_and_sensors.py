@@ -76,8 +76,10 @@ def main() -> None:
     names = [name for name in gains[0].unknowns.names if name.startswith("gain.")]
     at = [gains[0].entry(name) for name in names]
     tared = next(k for k, use in enumerate(gains[0].uses) if use.name == "tared")
-    told = 100 * np.mean([gain.uses[tared].shares[at] for gain in gains], axis=0)
-    said = ", ".join(f"{name} {value:.2g} %" for name, value in zip(names, told, strict=True))
+    prior_shares = 100 * np.mean([gain.uses[tared].shares[at] for gain in gains], axis=0)
+    said = ", ".join(
+        f"{name} {value:.2g} %" for name, value in zip(names, prior_shares, strict=True)
+    )
     note = (
         f"Standard deviation of entries of {robot} in % of their prior, mean of {SEEDS} motions. "
         f"Gains that are unknown to 10 %, with the tared wrench: {said}."

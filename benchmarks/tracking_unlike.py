@@ -119,7 +119,7 @@ def controller_errors(name: str, robot: RobotDescription, seed: int) -> dict[str
     found = load(model)
     identified = ControlModel(found.robot, found.p)
     base = ControlModel(found.robot, base_vector(model))
-    told = {}
+    errors = {}
     for controller in CONTROLLERS:
         law = gains(controller, identified, second, BANDWIDTH)
 
@@ -128,12 +128,12 @@ def controller_errors(name: str, robot: RobotDescription, seed: int) -> dict[str
 
         first_run, last = run(prior), run(identified)
         of_base = rms(run(base).platform_error) if controller == "pd-feedforward" else np.nan
-        told[controller] = [
+        errors[controller] = [
             rms(first_run.platform_error), of_base, rms(last.platform_error),
             rms(off(known, first_run.q, first_run)), rms(off(known, last.q, last)),
             rms(off(truth, last.q_desired, last)),
         ]  # fmt: skip
-    return told
+    return errors
 
 
 def off(model: Model, q: np.ndarray, run: Tracking) -> np.ndarray:
@@ -158,11 +158,11 @@ def main() -> None:
         refused = ""
         for seed in range(chosen.seeds):
             try:
-                told = controller_errors(name, robot, seed)
+                errors = controller_errors(name, robot, seed)
             except DeltaidError as error:
                 refused = f" (seed {seed}: {str(error).splitlines()[0][:60]})"
                 continue
-            for controller, values in told.items():
+            for controller, values in errors.items():
                 found[controller].append(values)
         for controller, seeds in found.items():
             cells = [spread(column) for column in zip(*seeds, strict=True)]
