@@ -35,7 +35,7 @@ from deltaid.recording.repairs import SPIKE, Gears, LeftSpan, Repairs
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from drives import case
-from drives.identify import identified as found
+from drives.identify import identified as of_case
 from drives.judge import judge
 from identified import identified, simulated
 from logs import tabled
@@ -249,14 +249,12 @@ def test_motors_do_not_move_with_their_links_in_the_columns_of_compliances() -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_passive_friction_behind_soft_gears_leaves_sweeps_at_the_truth(seed: int) -> None:
-    """Sweeps of the second had left the truth and ended at a mass matrix 53 % off."""
-    made = case("gear-5000", "par4", seed)
-    result = found(made)
-    assert judge(made, result).M < 0.02
-    values = [c.value for c in result.model.corrections if c.kind == "compliance"]
-    np.testing.assert_allclose(values, 1 / 5000, rtol=0.2)
+def test_sweeps_stay_at_the_truth_behind_soft_gears_of_a_par4() -> None:
+    """With noise of torques in the columns of compliances, they ended 53 % off."""
+    made = case("gear-5000", "par4", 2)
+    judged = judge(made, of_case(made))
+    assert dict(judged.said)["compliance"] == 4
+    assert judged.M < 0.02
 
 
 @pytest.mark.slow

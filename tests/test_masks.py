@@ -149,6 +149,35 @@ def test_saturation_of_torques_that_are_held_between_updates(every) -> None:
     assert np.all(within(left_out(found, 0), np.flatnonzero(held.tau[:, 0] >= end)))
 
 
+@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("number", [None, 0.0])
+@pytest.mark.parametrize("size", [700, 1 << 16])
+def test_a_channel_that_freezes_is_excluded(every: int, number: float | None, size: int) -> None:
+    """Also one whose torques are held between updates, with runs over several blocks."""
+    rng = np.random.default_rng(5)
+    recording = interrupted(CLAVEL, rng, seconds=6.0).measured(rng, 17, 0.02, 20)
+    tau = recording.tau[np.arange(len(recording.tau)) // every * every]
+    tau[1500:3900, 1] = tau[1500, 1] if number is None else number
+    masks = searched(replace(recording, tau=tau), size)
+    assert [(mask.reason, mask.drives) for mask in masks] == [("frozen torque", (1,))]
+    assert (masks[0].first, masks[0].last) == (1500, 3899)
+
+
+def test_a_torque_that_repeats_for_a_reason_is_not_frozen() -> None:
+    """At rest, in steps wider than its noise, without noise, and within what chance does."""
+    rng = np.random.default_rng(5)
+    recording = interrupted(CLAVEL, rng, seconds=6.0)
+    noisy = recording.measured(rng, 17, 0.02, 20)
+    step = np.abs(noisy.tau).max() / 20
+    torques = [step * np.round(x / step) for x in (noisy.tau, recording.tau)]
+    chance = noisy.tau.copy()
+    chance[2000:2003, 0] = chance[2000, 0]
+    assert not any(searched(replace(noisy, tau=tau)) for tau in (*torques, chance))
+    resting, q = noisy.tau.copy(), noisy.q.copy()
+    resting[1500:3900, 1], q[1500:3900, 1] = resting[1500, 1], q[1500, 1]
+    assert "frozen torque" not in {m.reason for m in searched(replace(noisy, tau=resting, q=q))}
+
+
 def test_a_limit_of_the_description_needs_less_evidence() -> None:
     rng = np.random.default_rng(6)
     recording = interrupted(CLAVEL, rng, seconds=3.0).measured(rng, 17, 0.02, 20)

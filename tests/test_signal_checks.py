@@ -54,7 +54,8 @@ def test_a_clean_recording_has_good_signals() -> None:
     verdicts = list(checked_signals(evidence(load_robot("clavel-delta3"), frame())))
     assert {v.grade for v in verdicts} == {Grade.GOOD}
     assert {v.key for v in verdicts} == {
-        "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
+        "rate", "encoder-step", "clock", "saturation", "frozen-torque", "standing", "torque-noise",
+        "torque-step",
     }  # fmt: skip
     noise = next(v for v in verdicts if v.key == "torque-noise")
     assert noise.number == pytest.approx(1.0, rel=0.2)
@@ -146,6 +147,15 @@ def test_a_clipped_drive_is_named() -> None:
     assert verdict.subject == "drive3"
     share = 100 * np.mean(np.abs(column("tau3")) > limit)
     assert verdict.number == pytest.approx(share, rel=0.3)
+
+
+def test_a_drive_whose_torque_freezes_is_named() -> None:
+    first, last = len(frame()) // 2, len(frame()) // 2 + len(frame()) // 10
+    frozen = column("tau2").copy()
+    frozen[first:last] = frozen[first]
+    (verdict,) = said(frame().with_columns(tau2=frozen))["frozen-torque"]
+    assert verdict.subject == "drive2"
+    assert verdict.number == pytest.approx(10.0, abs=0.1)
 
 
 def test_standing_still_is_a_share_of_the_time() -> None:

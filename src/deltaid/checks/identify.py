@@ -43,7 +43,7 @@ from deltaid.robot.load import RobotLike, load_robot
 from deltaid.robot.tolerances import BY_EYE, Tolerances
 
 # Verdicts on some excluded rows, whose spans the table of masks reports.
-_MASKED = {"standing", "saturation"}
+_MASKED = {"standing", "saturation", "frozen-torque"}
 
 # Verdicts that explain why a fit contradicts the recording or the prior.
 _EXPLAIN_A_FIT = {

@@ -11,7 +11,7 @@ from deltaid.estimation.spectra import bandwidth, jitter, step_of, white_noise
 from deltaid.model.verdict import Fault, Grade, Verdict, graded, listed, percent
 from deltaid.recording.filter import LowPass, design_low_pass, samples_needed
 from deltaid.recording.log import Log
-from deltaid.recording.masks.masks import RESTS, Reason, kept_shares
+from deltaid.recording.masks.masks import FROZEN, RESTS, Reason, kept_shares
 from deltaid.recording.opening import NO_RATE, OTHER_RATE
 from deltaid.recording.source import INCOMPLETE
 from deltaid.recording.time.clock import HIGHEST_RATE, JITTER
@@ -69,6 +69,12 @@ _SATURATION = Fault(
     "the drive is at its limit of current, or the channel's range ends there",
     "raise the channel's range, or move more gently or with less load",
 )
+_FROZEN = Fault(
+    "frozen-torque",
+    "%",
+    "the logger or the bus lost this channel",
+    "check its connection, or record again",
+)
 _STANDING = Fault(
     "standing",
     "%",
@@ -113,6 +119,7 @@ def checked_signals(evidence: Evidence) -> Iterator[Verdict]:
     if recording is not None:
         yield _clock(evidence, recording.log)
         yield from _saturation(evidence, recording.log)
+        yield from _frozen(evidence, recording.log)
         yield _standing(recording.log)
     if evidence.rows.tau.shape[1] and _is_long(evidence):
         yield from _torque(evidence)
@@ -242,18 +249,32 @@ def _excluded(log: Log, reasons: tuple[Reason, ...]) -> list[float]:
 
 
 def _saturation(evidence: Evidence, log: Log) -> Iterator[Verdict]:
-    shares = _excluded(log, ("saturated torque",))
-    if max(shares) <= CLIPPED:
-        yield _SATURATION.good(
-            "no torque stays on its largest or smallest number", 100 * max(shares)
-        )
+    yield from _of_rows(
+        evidence, log, _SATURATION, "saturated torque", CLIPPED,
+        "no torque stays on its largest or smallest number",
+        "are within 3 ms of the largest or smallest number of the torque",
+    )  # fmt: skip
+
+
+def _frozen(evidence: Evidence, log: Log) -> Iterator[Verdict]:
+    yield from _of_rows(
+        evidence, log, _FROZEN, FROZEN, 0.0,
+        "no torque repeats a number while its drive moves",
+        "repeat one number of the torque while the drive moves",
+    )  # fmt: skip
+
+
+def _of_rows(
+    evidence: Evidence, log: Log, fault: Fault, reason: Reason, least: float, none: str, many: str
+) -> Iterator[Verdict]:
+    """Verdicts on the share of each drive's rows that are excluded for a reason."""
+    shares = _excluded(log, (reason,))
+    if max(shares) <= least:
+        yield fault.good(none, 100 * max(shares))
     for drive, share in zip(evidence.robot.drives, shares, strict=True):
-        if share > CLIPPED:
-            seen = (
-                f"{percent(share)} of {drive}'s rows are within 3 ms of the largest "
-                "or smallest number of the torque; these are excluded"
-            )
-            yield _SATURATION.judged(seen, drive, 100 * share)
+        if share > least:
+            seen = f"{percent(share)} of {drive}'s rows {many}; these are excluded"
+            yield fault.judged(seen, drive, 100 * share)
 
 
 def _standing(log: Log) -> Verdict:

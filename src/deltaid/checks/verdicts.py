@@ -46,8 +46,8 @@ KEYS = {
         "angle-sign", "torque-sign", "drive-order", "homing-or-tilt", "velocity",
     ),
     "the signals": (
-        "rate", "encoder-step", "clock", "saturation", "standing", "torque-noise", "torque-step",
-        "resonance", "torque-lag", "closed-loop",
+        "rate", "encoder-step", "clock", "saturation", "frozen-torque", "standing", "torque-noise",
+        "torque-step", "resonance", "torque-lag", "closed-loop",
     ),
     "the sensors": (
         "sensor-unit", "sensor-sign", "sensor-order", "sensor-frame", "sensor-gain", "sensor-dead",

@@ -27,8 +27,10 @@ Reason = Literal[
     "emergency stop",
     "saturated torque",
     "stale rows",
+    "frozen torque",
     "load changes",
 ]
+FROZEN: Reason = "frozen torque"
 LOAD_CHANGES: Reason = "load changes"
 # Explanations of the reasons.
 WHY: dict[Reason, str] = {
@@ -38,6 +40,7 @@ WHY: dict[Reason, str] = {
     "emergency stop": "brakes slow the robot down, the drives are without torque",
     "saturated torque": "the channel is at its largest or smallest number, which torque exceeds",
     "stale rows": "the logger repeated a row while the robot moved",
+    "frozen torque": "the channel repeats a number while its drive moves",
     "load changes": "a load is gripped or released; the time is not known to a sample",
 }
 
