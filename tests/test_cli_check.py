@@ -143,6 +143,28 @@ def test_recordings_that_share_a_mapping_have_it_corrected(tmp_path: Path) -> No
     assert run("check", "clavel-delta3", *logs, "--columns", fixed).code in (0, 3)
 
 
+def test_warnings_of_reading_are_printed_once_as_identify_prints_them(tmp_path: Path) -> None:
+    log = write(tmp_path / "log.csv", noisy(recorded(3000)))
+    header, rows = log.read_text("utf-8").split("\n", 1)
+    log.write_text(f"{header}\ns,rad,rad,rad,Nm,Nm,Nm\n{rows}", "utf-8")
+    commands = ("check", "identify")
+    outcomes = (run(command, "clavel-delta3", log) for command in commands)
+    checked, identified = (" ".join(outcome.err.split()) for outcome in outcomes)
+    assert checked.count("row 2 is taken for units (s, rad") == 1
+    assert checked in identified  # which adds warnings of its fit
+    verdicts = deltaid.check("clavel-delta3", log)
+    assert any("row 2 is taken for units" in text for text in verdicts.warnings)
+
+
+def test_warnings_of_a_recording_that_is_refused_are_printed(tmp_path: Path) -> None:
+    log = write(tmp_path / "log.csv", recorded(60))
+    header, rows = log.read_text("utf-8").split("\n", 1)
+    log.write_text(f"{header}\ns,rad,rad,rad,Nm,Nm,Nm\n{rows}", "utf-8")
+    outcome = run("check", "clavel-delta3", log)
+    assert outcome.code == 4
+    assert "row 2 is taken for units" in " ".join(outcome.err.split())
+
+
 # The page.
 
 

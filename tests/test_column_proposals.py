@@ -213,8 +213,9 @@ def test_columns_that_are_certain_are_used_and_it_is_said(tmp_path: Path) -> Non
     assert "refused" not in {verdict.key for verdict in seen}
     found = run("torque", "clavel-delta3", path, "-o", tmp_path / "torques.csv")
     assert "columns are found: time time [s]" in " ".join(found.err.split())
-    found = run("check", "clavel-delta3", path)
-    assert "columns are found: time time [s]" in " ".join(found.err.split())
+    found = " ".join(run("check", "clavel-delta3", path).err.split())
+    assert found.count("columns are found: time time [s]") == 1
+    assert f"`deltaid columns {path} clavel-delta3` says why" in found
 
 
 def test_columns_in_doubt_are_not_used_but_proposed(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from deltaid.checks.signal import checked_signals
 from deltaid.checks.verdicts import Verdicts, as_written, changes, with_changes
 from deltaid.checks.wiring.wiring import checked_wirings
 from deltaid.dynamics.dynamics import compiled
-from deltaid.errors import DeltaidError, DescriptionError, LostReadingError
+from deltaid.errors import DeltaidError, DescriptionError, Doubt, LostReadingError
 from deltaid.estimation.information import Information, merge
 from deltaid.identification.study import Study
 from deltaid.identification.whole_loads import heavier
@@ -105,7 +105,24 @@ def check(
         if informations and len(informations) == sum(not record.stands for record in records):
             say("checking what they determine together")
             of_logs += judged_information(compiled(description), merge(informations), strokes)
-        return Verdicts((*judged, *common, *of_logs), description, sources, mappings, robot)
+        verdicts = (*judged, *common, *of_logs)
+        warnings = reading_warnings(
+            ((record.table.path, record.doubts) for record in records), verdicts
+        )
+        return Verdicts(verdicts, description, sources, mappings, robot, warnings)
+
+
+def reading_warnings(
+    doubts: Iterable[tuple[Path, Iterable[Doubt]]], verdicts: Iterable[Verdict]
+) -> tuple[str, ...]:
+    """Warnings of reading recordings, by their paths, whose cause no verdict reports."""
+    judged = {verdict.key for verdict in verdicts}
+    return tuple(
+        f"{path}: {doubt}"
+        for path, of_recording in doubts
+        for doubt in of_recording
+        if doubt.key not in judged
+    )
 
 
 def _opened(

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.dynamics import Dynamics, compiled
-from deltaid.errors import IdentificationError, RecordingError
+from deltaid.errors import Doubt, IdentificationError, RecordingError
 from deltaid.identification.fit import FittedProblem, fit
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
@@ -220,6 +220,11 @@ class Evidence:
     def surveyed(self) -> PreparedRecording | None:
         """The surveyed recording that identification uses; None where an error prevents it."""
         return None if isinstance(self.setup, RecordingError) else self.setup.recordings[0]
+
+    @property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Doubts of the survey, or only of the file's layout where an error prevents a survey."""
+        return self.table.warnings if self.surveyed is None else self.surveyed.log.warnings
 
     @cached_property
     def study(self) -> Study | None:

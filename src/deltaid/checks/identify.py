@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from deltaid.checks.check import named_verdicts, of_robot
+from deltaid.checks.check import named_verdicts, of_robot, reading_warnings
 from deltaid.checks.closed_loop import checked_feedback
 from deltaid.checks.evidence import Evidence, evidence, forget, with_fit
 from deltaid.checks.information import checked_information, judged_information
@@ -265,12 +265,9 @@ def _shifts_after(
 def _warnings(result: Identification, verdicts: Sequence[Verdict]) -> tuple[str, ...]:
     """Warnings of survey and fit whose cause no verdict reports: contradictions of the fit follow
     from poor units, wiring and priors."""
-    doubts = [
-        (recording.path, text) for recording in result.recordings for text in recording.log.warnings
-    ]
-    judged = {verdict.key for verdict in verdicts}
+    doubts = [(recording.path, recording.log.warnings) for recording in result.recordings]
+    count = sum(len(of_recording) for _, of_recording in doubts)
     poor = {v.key for v in verdicts if v.grade in (Grade.DOUBTFUL, Grade.WRONG)}
     explained = doubts_of_fit(result.problem) if poor & _EXPLAIN_A_FIT else ()
-    kept = (f"{path}: {text}" for path, text in doubts if text.key not in judged)
-    of_fit = (text for text in result.model.warnings[len(doubts) :] if text not in explained)
-    return (*kept, *of_fit)
+    of_fit = (text for text in result.model.warnings[count:] if text not in explained)
+    return (*reading_warnings(doubts, verdicts), *of_fit)

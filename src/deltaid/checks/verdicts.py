@@ -70,12 +70,14 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         given: the robot as it was given, such as a file; None where nothing is known of it.
         sources: the recordings.
         mappings: of their columns, as they were given or found; None for default names.
+        warnings: of reading the recordings, whose cause no verdict reports.
     """
 
     robot: RobotDescription | None
     given: RobotLike | None
     sources: tuple[Path | Recording, ...]
     mappings: tuple[ColumnMapping | None, ...]
+    warnings: tuple[str, ...]
 
     def __new__(
         cls,
@@ -84,11 +86,12 @@ class Verdicts(Shown, Tabled, Reported, tuple[Verdict, ...]):
         sources: Sequence[Path | Recording] = (),
         mappings: Sequence[ColumnMapping | None] = (),
         given: RobotLike | None = None,
+        warnings: Sequence[str] = (),
     ) -> "Verdicts":
-        """Verdicts with their robot, recordings and mappings."""
+        """Verdicts with their robot, recordings, mappings and warnings."""
         new = super().__new__(cls, verdicts)
         new.robot, new.sources, new.mappings = robot, tuple(sources), tuple(mappings)
-        new.given = robot if given is None else given
+        new.given, new.warnings = robot if given is None else given, tuple(warnings)
         return new
 
     @property

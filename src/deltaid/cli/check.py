@@ -191,9 +191,16 @@ def check(
     with progress(as_json) as say:
         settings = deltaid.Settings(cutoff=cutoff, keep_all=keep_all)
         verdicts = deltaid.check(robot, logs, columns=columns, settings=settings, progress=say)
-    for log, mapping in zip(logs, verdicts.mappings, strict=False):  # unless broken
-        if mapping is not None and mapping.source == FOUND:
-            remark("note", f"{log}: {as_words(mapping)}; `deltaid columns {log} {robot}` says why")
+    guessed = {
+        log: as_words(mapping)
+        for log, mapping in zip(logs, verdicts.mappings, strict=False)  # unless broken
+        if mapping is not None and mapping.source == FOUND
+    }
+    for text in verdicts.warnings:
+        if not any(words in text for words in guessed.values()):  # which the notes say
+            remark("warning", text)
+    for log, words in guessed.items():
+        remark("note", f"{log}: {words}; `deltaid columns {log} {robot}` says why")
     with progress(as_json):
         cured = verdicts.cured_files()
     if "mapping" not in cured and "mapping" in files_of(verdicts):
