@@ -165,6 +165,22 @@ def test_warnings_of_a_recording_that_is_refused_are_printed(tmp_path: Path) -> 
     assert "row 2 is taken for units" in " ".join(outcome.err.split())
 
 
+@pytest.mark.parametrize("gravity", [-9.81, 9.81])
+def test_what_is_too_short_to_judge_columns_is_no_good_verdict(
+    tmp_path: Path, gravity: float
+) -> None:
+    robot = changed_file(tmp_path, {"gravity": [0.0, 0.0, gravity]})
+    log = write(tmp_path / "log.csv", moved("clavel-delta3").to_frame()[:750])
+    outcome = run("check", robot, log, "--json")
+    assert outcome.code in (3, 4)  # 4 where the fit reveals gravity
+    (verdict,) = (v for v in json.loads(outcome.out)["verdicts"] if v["key"] == "drive-order")
+    assert (verdict["grade"], verdict["number"]) == ("cannot tell", 2.996)
+    assert "direction of gravity" in verdict["seen"]
+    assert "record longer" in verdict["cure"]
+    keys = {verdict.key for verdict in deltaid.identify(robot, log, force=True).verdicts}
+    assert "drive-order" not in keys
+
+
 # The page.
 
 

@@ -23,7 +23,7 @@ from deltaid.checks.residual import checked_residual, load_held_throughout
 from deltaid.checks.sensing.sensors import checked_sensors
 from deltaid.checks.signal import checked_signals
 from deltaid.checks.verdicts import Verdicts, as_written, changes, with_changes
-from deltaid.checks.wiring.wiring import checked_wirings
+from deltaid.checks.wiring.wiring import checked_wirings, too_short_verdicts
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError, DescriptionError, Doubt, LostReadingError
 from deltaid.estimation.information import Information, merge
@@ -185,6 +185,7 @@ def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> 
         return tuple(judged)
     if isinstance(error := record.fitted, DeltaidError):
         return (*judged, Verdict("refused", Grade.WRONG, error.what, error.where, "", error.cure))
+    judged += too_short_verdicts(record, wiring)
     after = (*checked_residual(record), *checked_feedback(record))
     if any(verdict.key == "torque-lag" and verdict.grade is Grade.WRONG for verdict in after):
         judged = [  # inertia, which the lag spoils, would decide a unit that no loop does

@@ -18,7 +18,7 @@ from deltaid.checks.wiring.candidate import SENSIBLE
 from deltaid.checks.wiring.columns import COUNTS, column_verdicts
 from deltaid.checks.wiring.explained import RemappedRecording, overall
 from deltaid.checks.wiring.over_time import over_time_verdicts
-from deltaid.checks.wiring.residual import FEWEST, motion, residual
+from deltaid.checks.wiring.residual import FEWEST, FilteredMotion, motion, residual
 from deltaid.checks.wiring.search import SAMPLES, explained, together
 from deltaid.checks.wiring.time_unit import time_unit_verdicts, too_fast_verdicts
 from deltaid.checks.wiring.velocity import velocity_verdicts
@@ -64,8 +64,7 @@ def checked_wirings(
     judged, over_time = dict[int, RemappedRecording](), dict[int, tuple[Verdict, ...]]()
     for k, record in enumerate(records):
         _refuse_copies(record)
-        fine = None if record.stands else motion(record.rows)
-        if fine is not None and len(fine.tau) >= FEWEST:
+        if (fine := _long_motion(record)) is not None:
             part = motion(record.rows, **_PART)
             coarse = fine if part is None or len(part.tau) < SAMPLES else part
             log = RemappedRecording(record, fine, explained(record.dynamics, fine, coarse))
@@ -95,6 +94,28 @@ def checked_wirings(
         ]
     ]
     return common or (), each
+
+
+def too_short_verdicts(record: Evidence, wiring: Sequence[Verdict]) -> Iterator[Verdict]:
+    """A verdict on a usable recording whose columns `wiring` could not judge: of a description or
+    wiring that was not checked nothing is known."""
+    if {verdict.key for verdict in wiring} <= {"drive-count"} and _long_motion(record) is None:
+        seconds = float(np.ptp(record.rows.time))
+        yield Verdict(
+            "drive-order",
+            Grade.CANNOT_TELL,
+            f"the motion in these {seconds:.3g} s is too short to check units, signs and order of "
+            "the columns, and the direction of gravity",
+            cure="record longer: at least 10 s of motion without a gap",
+            number=seconds,
+            unit="s",
+        )
+
+
+def _long_motion(record: Evidence) -> FilteredMotion | None:
+    """The liveliest stretch; None where it is too short to decide between hypotheses."""
+    fine = None if record.stands else motion(record.rows)
+    return fine if fine is not None and len(fine.tau) >= FEWEST else None
 
 
 def _goes_with_others(joint: RemappedRecording, alone: RemappedRecording) -> bool:
