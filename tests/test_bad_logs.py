@@ -3,6 +3,7 @@
 import random
 import re
 from functools import reduce
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -11,10 +12,13 @@ import pytest
 from bad_logs import GOOD, NUMBERED, ROWS, changed, with_field, with_line, without_rows
 from deltaid.dynamics.dynamics import compiled
 from deltaid.errors import DeltaidError
+from deltaid.recording.columns import TimeChannel
 from deltaid.recording.formats import csv_lines
+from deltaid.recording.mapping import ColumnMapping
 from deltaid.recording.opening import open_log
 from deltaid.recording.recording import with_filter
 from deltaid.recording.survey_checks import off_course
+from deltaid.recording.time.counts import unit_factors
 from deltaid.recording.time.doubts import doubts_about_holes
 from deltaid.robot.load import load_robot
 from logs import comma, read, recorded, refusal, text, write
@@ -201,6 +205,25 @@ BAD_TEXT = {
         "row 150: the elbow of limb 1 points inwards at (q1, q2, q3) = (-2.5, ",
     ),
 }
+
+
+@pytest.mark.parametrize(
+    ("declared", "true", "rate"),
+    [("ms", "s", 2000.0), ("us", "ms", 2.0), ("min", "s", 25.0), ("s", "ms", 5.0)],
+)
+def test_a_unit_of_time_is_proposed_for_the_declared_one(
+    tmp_path: Path, declared: str, true: str, rate: float
+) -> None:
+    path = write(tmp_path / "log.csv", recorded(ROWS).with_columns(t=pl.int_range(pl.len()) / rate))
+    mapping = ColumnMapping.model_validate({"time": {"column": "t", "unit": declared}})
+    kinematics = compiled(load_robot("clavel-delta3")).kinematics
+    cure = refusal(open_log, path, kinematics, mapping).partition("declare the unit")[2]
+    assert re.findall(r"unit: (\S+(?: s)?) makes", cure)[0] == true
+
+
+@pytest.mark.parametrize("scale", [0.0, np.inf])
+def test_no_unit_of_time_is_proposed_for_an_impossible_one(scale: float) -> None:
+    assert not unit_factors(TimeChannel("t", scale, 0.0))
 
 
 @pytest.mark.parametrize("name", BAD_TEXT)

@@ -90,6 +90,17 @@ def test_time_in_another_unit(name: str, factor: float) -> None:
     assert ("as described" in alone.cause) == (alone.grade is Grade.DOUBTFUL)
 
 
+@pytest.mark.parametrize(("declared", "proposed"), [("ms", "s"), ("us", "ms"), ("1e-3 ms", "ms")])
+def test_a_unit_of_time_is_proposed_for_the_declared_one(declared: str, proposed: str) -> None:
+    """The nearest one of those that bring speeds below their limits."""
+    columns = recorded("irb360-6-1600")
+    columns = times(columns, t=1.0 if proposed == "s" else 1e3)
+    mapping = ColumnMapping.model_validate({"time": {"column": "t", "unit": declared}})
+    (verdict,) = checked_wiring(evidence_of("irb360-6-1600", columns, mapping))
+    assert (verdict.key, verdict.grade) == ("time-unit", Grade.WRONG)
+    assert f"time: {{column: t, unit: {proposed}}}" in verdict.cure
+
+
 def test_a_slow_motion_is_not_one_in_another_unit_of_time() -> None:
     """Its inertia and viscous friction are noise, which may seem eight times too large."""
     slow = faulty("slow", 110)

@@ -246,9 +246,9 @@ def _clock(survey: Survey) -> Clock:
 
     # Refuse a wrong rate before it places rows.
     usual = 1 / survey.clock.step if survey.clock.step > 0 else 0.0
-    require_rate(table, columns.time.column, usual, differentiated=False)
+    require_rate(table, columns.time, usual, differentiated=False)
     clock = study(read_batches(table, columns), dof)
-    require_rate(table, columns.time.column, clock.rate, differentiated=False)
+    require_rate(table, columns.time, clock.rate, differentiated=False)
     survey.begin_again()
     longest = longest_hole(clock.rate, 1 / STRETCH)  # the cut-off is not known yet
     for segment in segments(read_batches(table, columns), clock, longest, columns):

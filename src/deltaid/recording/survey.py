@@ -111,9 +111,9 @@ class Survey:
         Raises:
             RecordingError: the rate is impossible, or a torque or velocity was not recorded.
         """
-        c, samples, column = self.columns, self.clock.samples, self.columns.time.column
+        c, samples = self.columns, self.clock.samples
         differentiated = not (c.velocity and c.acceleration)
-        require_rate(self.table, column, clock.rate, differentiated=differentiated)
+        require_rate(self.table, c.time, clock.rate, differentiated=differentiated)
         self._check_constant()
         self._refuse_placeholders()
         of_sensors = [*self._check_sensors()]
@@ -123,7 +123,7 @@ class Survey:
             *self.loads.doubts(),
             *self._doubts_about_jumps(),
             *of_sensors,
-            *doubts_about_stamps(clock, self.table, column),
+            *doubts_about_stamps(clock, self.table, c.time.column),
             *self.table.doubts,
         ]
 

@@ -15,12 +15,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.errors import Doubt, RecordingError
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import Columns, TimeChannel
 from deltaid.recording.filter import LOWEST_RATE
 from deltaid.recording.mapped_columns import Quantity
 from deltaid.recording.source import LogTable
 from deltaid.recording.time.clock import HIGHEST_RATE, NO_TIME, Clock
-from deltaid.recording.time.counts import PER_SECOND
+from deltaid.recording.time.counts import unit_factors
 from deltaid.recording.time.grid import FASTEST, FEWEST, usual_step
 from deltaid.recording.time.signals import GAP
 from deltaid.recording.units import MOST_WRONG, SI_UNITS
@@ -45,8 +45,6 @@ _TOGETHER, _APART = 0.9, 0.3
 _SCALE = (0.8, 1.25)
 # Largest motion that noise and steps of coarse encoders imitate [rad or m].
 ENCODER_NOISE = 1e-3
-# Longer units of time per second; spreadsheets write dates in days.
-PER_SECOND_LONGER = {"min": 1 / 60, "3600 s": 1 / 3600, "86400 s": 1 / 86400}
 # Factors between SI units and units that are easily confused with them.
 _LIKELY = {"degrees": 180 / np.pi, "rpm": 30 / np.pi}
 # Wrong readings: most rows, least ratio of their jump there and back to the largest other change
@@ -283,7 +281,7 @@ class ClockCheck:
         )
 
 
-def require_rate(table: LogTable, column: str, rate: float, *, differentiated: bool) -> None:
+def require_rate(table: LogTable, time: TimeChannel, rate: float, *, differentiated: bool) -> None:
     """Refuse an impossible rate, or one at which positions cannot be differentiated.
 
     Raises:
@@ -292,11 +290,11 @@ def require_rate(table: LogTable, column: str, rate: float, *, differentiated: b
     slow = differentiated and rate < LOWEST_RATE
     if slow or rate > HIGHEST_RATE:
         limit = f"at least {LOWEST_RATE:g}" if slow else f"at most {HIGHEST_RATE:g}"
-        units = PER_SECOND if slow else PER_SECOND_LONGER
+        column = time.column
         makes = [
-            f"unit: {unit} makes {rate * per:.4g} Hz"
-            for unit, per in reversed(units.items())
-            if LOWEST_RATE <= rate * per <= HIGHEST_RATE
+            f"unit: {unit} makes {rate * factor:.4g} Hz"
+            for unit, factor in unit_factors(time).items()
+            if LOWEST_RATE <= rate * factor <= HIGHEST_RATE
         ]
         raise RecordingError(
             f"column {column} makes a sampling rate of {rate:.4g} Hz; {limit} Hz can be",

@@ -17,7 +17,7 @@ from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.residual import UNIT, FilteredMotion, residual
 from deltaid.checks.wiring.velocity import rates
 from deltaid.model.verdict import Grade, Verdict
-from deltaid.recording.survey_checks import PER_SECOND_LONGER
+from deltaid.recording.time.counts import unit_factors
 
 # Number of chords of the motion that bound its speed from below.
 _CHORDS = 32
@@ -75,7 +75,8 @@ def too_fast_verdicts(record: Evidence) -> Iterator[Verdict]:
     most = [robot.limits_of(drive).top_speed or np.inf for drive in robot.drives]
     i = int(np.argmax(speeds / np.array(most)))
     if speeds[i] > most[i]:
-        fits = (unit for unit, per in PER_SECOND_LONGER.items() if per * speeds[i] < most[i])
+        time = record.columns.time
+        fits = (unit for unit, by in unit_factors(time).items() if by * speeds[i] < most[i])
         unit = f"{robot.units(robot.drives[i]).coordinate}/s"
         yield Verdict(
             "time-unit",
@@ -83,8 +84,8 @@ def too_fast_verdicts(record: Evidence) -> Iterator[Verdict]:
             f"{robot.drives[i]} would move at {speeds[i]:.2g} {unit} on average, and its limit is "
             f"{most[i]:.2g} {unit}; in {seconds:.2g} s no columns can be judged",
             cause="time is in another unit",
-            cure="declare the unit of the time column, such as time: {column: t, unit: "
-            f"{next(fits, '86400 s')}}}",
+            cure="declare the unit of the time column, such as time: {column: "
+            f"{time.column}, unit: {next(fits, '…')}}}",
             number=float(speeds[i] / most[i]),
         )
 

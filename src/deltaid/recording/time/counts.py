@@ -8,6 +8,7 @@ with 16 bits after 65 536 counts, of an angle after one turn, or of a cycle coun
 or 32 bits.
 """
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
@@ -16,7 +17,7 @@ import polars as pl
 from jaxtyping import Float, Int
 
 from deltaid.errors import Doubt, counted
-from deltaid.recording.columns import Columns
+from deltaid.recording.columns import Columns, TimeChannel
 from deltaid.recording.source import ColumnValues, LogTable, Rows
 
 # A date such as 2025-11-20T16:00:00.123456789+01:00, with a blank or T, any number of digits, with
@@ -26,8 +27,10 @@ _ISO = (
     r"(?:[.,](?P<fraction>\d{1,9})\d*)?"
     r"(?: ?(?:Z|UTC|(?P<sign>[+-])(?P<ahead>\d{2})(?::?(?P<past>\d{2}))?))?$"
 )
-# Ticks per second of the units of dates and durations.
+# Units of time per second: of dates and durations, and longer ones; spreadsheets write dates in
+# days.
 PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
+_LONGER = {"s": 1.0, "min": 1 / 60, "3600 s": 1 / 3600, "86400 s": 1 / 86400}
 # Largest whole number up to which float64 is exact.
 _EXACT = 2 / np.finfo(float).eps
 # Largest difference of a wrap from the period, and of its neighbours from 0, as a share of the
@@ -36,6 +39,14 @@ _NEAR = 0.25
 # Periods of counters of positions, and of cycles.
 _OVERFLOWS = tuple(2.0**bits for bits in (16, 24, 32))
 _CYCLES = (2.0**8, *_OVERFLOWS)
+
+
+def unit_factors(time: TimeChannel) -> dict[str, float]:
+    """Factors by which rates and speeds change if a column of times is in another unit than
+    declared; the nearest unit first. Empty if the declared one is 0."""
+    factors = {unit: per * time.scale for unit, per in (PER_SECOND | _LONGER).items()}
+    usable = [pair for pair in factors.items() if 0 < pair[1] < math.inf]
+    return dict(sorted(usable, key=lambda pair: abs(math.log(pair[1]))))
 
 
 def is_clock(column: ColumnValues | None) -> bool:
