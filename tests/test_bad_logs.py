@@ -70,6 +70,11 @@ BAD_TEXT = {
         "is '0.5??'",
         "remove or repair such rows",
     ),
+    "second header": (
+        with_line(150, GOOD.split("\n")[0]),
+        "row 150: column t is 't'",
+        "the header is repeated here: split the file",
+    ),
     "point among commas": (
         with_field(150, "q2", "0.5", COMMAS),
         "row 150: column q2 is '0.5'",

@@ -109,6 +109,8 @@ class CsvTable(LogTable):
         return f"row {row + bisect_right(self.comments, row)}"
 
     def cure(self, written: str) -> str:
+        if written in self.header:
+            return "the header is repeated here: split the file, for another recording begins"
         if "," in written and self.data.separator == "," and not _THOUSANDS.fullmatch(written):
             return "decimal commas need semicolons or tabs between the columns"
         cures = (cure for pattern, cure in _CURES if pattern.fullmatch(written))
