@@ -93,6 +93,19 @@ def test_torques_of_other_rows_are_named_as_joined_wrongly(rows: int) -> None:
     (shift,) = re.findall(r"by some (\S+) rows", verdict.cure)
     assert int(shift) == pytest.approx(-rows, abs=5)
     assert "joined" in verdict.cause
+    assert "the torque columns" in verdict.cure
+
+
+@pytest.mark.parametrize("rows", [125, -200])
+def test_the_torque_of_one_drive_that_is_joined_at_another_row_is_named(rows: int) -> None:
+    columns = recorded(NAME)
+    tau = columns["tau"][250:-250].copy()
+    tau[:, 1] = columns["tau"][250 - rows : len(columns["t"]) - 250 - rows, 1]
+    shifted = {name: x[250:-250] for name, x in columns.items()}
+    verdict = verdict_on(shifted | {"tau": tau})
+    assert (verdict.key, verdict.subject) == ("torque-lag", "drive2")
+    assert verdict.number == pytest.approx(1e3 * rows / RATE, abs=20)
+    assert "shifts tau2 by" in verdict.cure
 
 
 @pytest.mark.parametrize(

@@ -139,35 +139,53 @@ def _magnitudes(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
 
 
 def _joined(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
+    """Torques of all drives, or of single ones, that correlate with the prior's at a lag."""
     if log.best.unexplained < _EXPLAINED:
         return
     half = len(course.time) // 2
     along = np.array([course.correlations(lag, lag) for lag in range(-half, half + 1)])
-    mean = along.mean(axis=1)
+    apart = along[half] <= ALONG
+    # One drive has a lag where most go with the motion as they are.
+    groups = np.flatnonzero(apart)[:, None] if apart.mean() < 0.5 else [np.arange(len(apart))]
+    for group in groups:
+        if (lag := _lag_of(course, along[:, group], group)) is None:
+            continue
+        late, peak, without = lag
+        count = round(late / log.evidence.rows.step)
+        drives = course.drives[group].tolist()
+        columns = listed([log.evidence.columns.torque[i].column for i in drives])
+        columns = columns if log.whose(drives) else "the torque columns"
+        yield Verdict(
+            "torque-lag",
+            Grade.WRONG,
+            f"the torque of {log.all_or(drives)} comes {abs(late):.2f} s "
+            f"{'late' if late > 0 else 'early'} against positions, some {abs(count)} rows, more "
+            f"than any drive delays it: {peak:.2g} is then its correlation with the prior's, and "
+            f"{without:.2g} as recorded",
+            log.whose(drives),
+            cause="positions and torques were recorded apart and joined at another row, or by "
+            "clocks that differ",
+            cure=f"join them by stamps of one clock, which shifts {columns} by some {-count:+d} "
+            "rows, or record both at once",
+            number=1e3 * late,
+            unit="ms",
+        )
+
+
+def _lag_of(
+    course: _Course, along: Float[np.ndarray, "lags drives"], drives: Int[np.ndarray, " drives"]
+) -> tuple[float, float, float] | None:
+    """Lag [s] at which torques of some drives correlate most with the prior's, this correlation,
+    and the largest without a lag; None where no lag is clear."""
+    half, mean = len(along) // 2, along.mean(axis=1)
     k = int(np.argmax(mean[1:-1])) + 1
     before, peak, after = mean[k - 1 : k + 2].tolist()
     place = k - half + 0.5 * (before - after) / min(before - 2 * peak + after, -_TINY)  # a parabola
     late, least = place * course.step, along[k].min()
     # In undisturbed rows, torques of a repeated motion also correlate a period later.
-    without = max(float(course.correlations(k - half, 0).mean()), float(mean[half]))
-    if without > ALONG:
-        return
-    if abs(late) < _DELAY or least < SENSIBLE[0] or 1 - peak**2 > _CLEARER * (1 - without**2):
-        return
-    count = round(late / log.evidence.rows.step)
-    yield Verdict(
-        "torque-lag",
-        Grade.WRONG,
-        f"torques come {abs(late):.2f} s {'late' if late > 0 else 'early'} against positions, some "
-        f"{abs(count)} rows, more than any drive delays them: {peak:.2g} is then their correlation "
-        f"with the prior's, and {without:.2g} as recorded",
-        cause="positions and torques were recorded apart and joined at another row, or by clocks "
-        "that differ",
-        cure=f"join them by stamps of one clock, which shifts the torque columns by some "
-        f"{-count:+d} rows, or record both at once",
-        number=1e3 * late,
-        unit="ms",
-    )
+    without = max(float(course.correlations(k - half, 0)[drives].mean()), float(mean[half]))
+    clear = 1 - peak**2 <= _CLEARER * (1 - without**2) and least >= SENSIBLE[0]
+    return (late, peak, without) if without <= ALONG and abs(late) >= _DELAY and clear else None
 
 
 @dataclass(frozen=True, eq=False)
