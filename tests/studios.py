@@ -147,7 +147,7 @@ def visited(folder: Path) -> Iterator[Visitor]:
     with Studio(folder) as studio, chromium() as browser:
         visitor = Visitor(browser, studio)
         yield visitor
-        assert visitor.said == []
+        assert visitor.said == [], visitor.said
         assert visitor.others == []
     assert "Traceback" not in studio.errors()
 

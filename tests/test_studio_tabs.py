@@ -77,6 +77,31 @@ def test_the_robot_goes_where_keys_ask_it_to(visitor: Visitor) -> None:
                            arg=before)  # fmt: skip
 
 
+def test_a_file_that_is_chosen_while_the_page_is_redrawn_is_taken(
+    visitor: Visitor, work: Path
+) -> None:
+    """As by a check that ends meanwhile; and the same file is taken again after it was removed."""
+    page = visitor.page
+    visitor.go("Recording")
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Choose a recording").click()
+    (work / "later.csv").write_text("t,q1\n0,1\n1,2\n")
+    page.get_by_role("button", name="Use later.csv").wait_for()
+    chooser.value.set_files(work.parent / "axes.csv")
+    for _ in range(2):
+        visitor.see("axes.csv: which column is what")
+        page.get_by_role("button", name="Forget axes.csv").click()
+        page.get_by_role("button", name="Use axes.csv").wait_for()
+        (work / "axes.csv").unlink()
+        page.get_by_role("button", name="Use axes.csv").wait_for(state="detached")
+        _drop(page, work.parent / "axes.csv")
+    visitor.see("axes.csv: which column is what")
+    page.get_by_role("button", name="Forget axes.csv").click()
+    for name in ("axes.csv", "later.csv"):
+        (work / name).unlink()
+        page.get_by_role("button", name=f"Use {name}").wait_for(state="detached")
+
+
 def test_what_is_no_recording_is_refused_and_names_stay_inside(
     visitor: Visitor, work: Path
 ) -> None:

@@ -13,6 +13,30 @@ from deltaid.studio.folder import Folder
 from deltaid.studio.session import Session
 
 
+class _Field(ui.upload):
+    """Takes files outside of what is redrawn: a file that is being chosen or sent while a check
+    ends, which redraws all pages, would be lost.
+
+    Attributes:
+        take: called with each file.
+        refuse: called for files with other endings.
+    """
+
+    take: Callable[[events.UploadEventArguments], Awaitable[None]]
+    refuse: Callable[[], None]
+
+    def __init__(self) -> None:
+        super().__init__(
+            on_upload=lambda event: self.take(event),
+            on_rejected=lambda: self.refuse(),
+            auto_upload=True,
+            multiple=True,
+        )
+        self.style("display: none")
+        # A file may be given again, after it has been removed or changed.
+        self.on("uploaded", js_handler=f"() => {_uploader(self)}.removeUploadedFiles()")
+
+
 def upload(
     session: Session,
     what: str,
@@ -52,15 +76,31 @@ def upload(
             "is not taken", where=what, cure=f"give a file that ends with {' or '.join(endings)}"
         )
 
-    field = ui.upload(on_upload=received, on_rejected=rejected, auto_upload=True, multiple=True)
-    field.props(f'aria-label="Drop {what} here"').style("display: none")
+    field = _field()
+    field.take, field.refuse = received, rejected
+    field.props(f'aria-label="Drop {what} here"')
     if endings:
         field.props(f'accept="{",".join(endings)}"')
     with ui.element("div").classes("drop") as zone:
         ui.label(f"Drop {what} here, or").classes("dim")
         ui.button(f"Choose {what}").props("outline dense").on(
-            "click", js_handler=f"() => getElement({field.id}).$refs.qRef.pickFiles()"
+            "click", js_handler=f"() => {_uploader(field)}.pickFiles()"
         )
-    add = f"getElement({field.id}).$refs.qRef.addFiles"
+    add = f"{_uploader(field)}.addFiles"
     zone.on("drop", js_handler=f"(e) => {{ e.preventDefault(); {add}(e.dataTransfer.files) }}")
     zone.on("dragover", js_handler="(e) => e.preventDefault()")
+
+
+def _field() -> _Field:
+    """The one field of a page."""
+    client = ui.context.client
+    for element in client.elements.values():
+        if isinstance(element, _Field):
+            return element
+    with client.content:
+        return _Field()
+
+
+def _uploader(field: _Field) -> str:
+    """The widget of a field, in JavaScript."""
+    return f"getElement({field.id}).$refs.qRef"
