@@ -12,11 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from deltaid.levels import NEVER
-from deltaid.recording.masks.masks import NONE, Runs, as_runs, joined, runs_of
+from deltaid.recording.masks.masks import NOISY, NONE, Runs, as_runs, joined, runs_of
 
-# Share of changes that reverse the previous one above which a channel has noise: two thirds for
-# white noise, hardly any for a smooth torque.
-NOISY = 0.2
 # Longest runs of a channel that are kept.
 _KEPT = 1000
 
@@ -56,8 +53,8 @@ class FrozenSearch:
         for length, count in zip(lengths.tolist(), counts.tolist(), strict=True):
             self._counts[length] = self._counts.get(length, 0) + count
         ends = (runs - row + np.array([0, 1])).ravel()
-        low, high = (extreme.reduceat(np.append(q, q[-1:]), ends)[::2] if len(ends) else q[:0]
-                     for extreme in (np.minimum, np.maximum))  # fmt: skip
+        places = np.append(q, q[-1:])  # a run may end with the block
+        low, high = (end.reduceat(places, ends)[::2] for end in (np.minimum, np.maximum))
         longest = np.concatenate([self._longest, np.column_stack([runs, high - low])])
         self._longest = longest[np.argsort(-_lengths(longest), kind="stable")[:_KEPT]]
 

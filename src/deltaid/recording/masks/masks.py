@@ -18,6 +18,9 @@ Runs = Int[np.ndarray, "_ 2"]
 NONE: Runs = np.zeros((0, 2), dtype=np.int64)
 # Share of its usual or largest motion below which a drive or robot rests.
 RESTS = 0.01
+# Share of changes that reverse the previous one above which a channel has noise: two thirds for
+# white noise, hardly any for a smooth torque.
+NOISY = 0.2
 # Least share of rows that must remain for each drive.
 _LEAST = 0.02
 Reason = Literal[

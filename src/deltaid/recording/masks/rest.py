@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from deltaid.recording.masks.frozen import NOISY
-from deltaid.recording.masks.masks import NONE, Runs, as_runs, joined, rolling, runs_of
+from deltaid.recording.masks.masks import NOISY, NONE, Runs, as_runs, joined, rolling, runs_of
 
 # Least duration of rest, also on brakes [s]; fewest rows of rest, and of torque that is off.
 LASTS, _ROWS = 0.04, 5
