@@ -41,17 +41,14 @@ def test_friction_by_load_is_no_zero_that_is_off() -> None:
     assert "no change of the files explains this" in homing.cure
 
 
-def test_a_unit_that_rows_refute_hides_no_lag(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A proposal that rows refute is a doubt, beside which all other checks are made; a lag spoils
-    the inertia that would decide."""
+def test_a_verdict_that_rows_refute_hides_no_lag(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A proposal that rows refute is a doubt, beside which all other checks are made."""
     columns, of = recorded(LOG), "deltaid.checks.check.checked_wirings"
     refuted = replace(proposing("mapping", "torque[0].sign", -1), key="angle-unit")
     monkeypatch.setattr(of, lambda _: ((), [(refuted,)]))
     found = deltaid.check(LOG, tabled(**columns | {"tau": np.roll(columns["tau"], 3, axis=0)}))
     assert verdict_of(found, "torque-lag").grade is Grade.WRONG
-    unit = verdict_of(found, "angle-unit")
-    assert unit.grade is Grade.CANNOT_TELL
-    assert "correct the lag first" in unit.cure
+    assert verdict_of(found, "angle-unit").grade is Grade.DOUBTFUL
 
 
 def test_a_zero_that_is_off_is_proposed() -> None:

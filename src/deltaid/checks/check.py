@@ -186,20 +186,7 @@ def of_recording(record: Evidence, wiring: Sequence[Verdict], several: bool) -> 
     if isinstance(error := record.fitted, DeltaidError):
         return (*judged, Verdict("refused", Grade.WRONG, error.what, error.where, "", error.cure))
     judged += too_short_verdicts(record, wiring)
-    after = (*checked_residual(record), *checked_feedback(record))
-    if any(verdict.key == "torque-lag" and verdict.grade is Grade.WRONG for verdict in after):
-        judged = [  # inertia, which the lag spoils, would decide a unit that no loop does
-            replace(
-                verdict,
-                grade=Grade.CANNOT_TELL,
-                cause="another unit, or the lag, which makes inertia look like that of one",
-                cure="correct the lag first, and check again",
-            )
-            if verdict.key == "angle-unit"
-            else verdict
-            for verdict in judged
-        ]
-    return (*judged, *after)
+    return (*judged, *checked_residual(record), *checked_feedback(record))
 
 
 def named_verdicts(

@@ -117,6 +117,18 @@ class Evidence:
         q, qd, _ = np.split(values[:, columns.motion_places], counts, axis=1)
         return RawRows(time, q, qd, values[:, columns.torque_places])
 
+    @property
+    def on_time(self) -> RawRows:
+        """The rows with torques read as late as was given (`--lag`), to a whole row."""
+        rows, lag = self.rows, self.settings.lag
+        if isinstance(lag, str) or not rows.tau.shape[1]:
+            return rows
+        late = np.round(np.broadcast_to(lag, rows.tau.shape[1]) / rows.step).astype(int)
+        places = np.arange(len(rows.time))[:, None] + late
+        is_known = (places >= 0) & (places < len(rows.time))
+        tau = np.take_along_axis(rows.tau, np.where(is_known, places, 0), axis=0)
+        return replace(rows, tau=np.where(is_known, tau, np.nan))
+
     @cached_property
     def moved(self) -> Float[np.ndarray, " drives"]:
         """Range of each drive in these rows [rad or m]."""

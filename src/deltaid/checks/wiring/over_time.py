@@ -1,130 +1,48 @@
-"""Torques over time: columns that were joined at another row, magnitudes in place of torques, and
-stretches whose torques have another sign, unit or order than the rest.
+"""Torques over time: magnitudes in place of torques, and stretches whose torques have another sign,
+unit or order than the rest.
 
-Torques u(t) that were joined at another row correlate with those of the prior at a lag. With
-another sign or unit in a stretch, u ≈ g f there and u ≈ h f in the rest, where f(t) are the torques
-of a fit to the larger part; the stretch with the least residual is judged by g/h. If columns have
-other drives' torques in a stretch, f is in another order there.
+With another sign or unit in a stretch, u ≈ g f there and u ≈ h f in the rest, where u(t) are the
+torques and f(t) those of a fit to the larger part; the stretch with the least residual is judged by
+g/h. If columns have other drives' torques in a stretch, f is in another order there.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from deltaid.checks.evidence import WRONG_SCALE, Evidence
-from deltaid.checks.wiring.candidate import ALONG, SENSIBLE
+from deltaid.checks.wiring.candidate import ALONG
+from deltaid.checks.wiring.course import CLEARER, Course, Torques
 from deltaid.checks.wiring.explained import RemappedRecording
-from deltaid.checks.wiring.residual import LEAST, Map, MapResidual, motion, residual
-from deltaid.estimation.problem import lengths
-from deltaid.levels import NEGLIGIBLE
+from deltaid.checks.wiring.joined import joined_verdicts
 from deltaid.model.verdict import Grade, Verdict, listed
 
-# Most rows that are compared; of a longer recording, rows are skipped.
-_MOST = 20_000
-# Least lag [s], larger than that of any drive; residual share of the best columns below which no
-# lag is searched; largest share of the residual that may remain with a lag or another order.
-_DELAY, _EXPLAINED, _CLEARER = 0.15, 0.1, 0.5
-# Number of ends of stretches that are tried; least length of a stretch and of the rest [s]; rounds
-# of the fit.
-_ENDS, _SHORTEST, _ROUNDS = 300, 1.0, 10
+# Number of ends of stretches that are tried; least length of a stretch and of the rest [s].
+_ENDS, _SHORTEST = 300, 1.0
 _TINY = np.finfo(float).tiny
 
-Torques = Float[np.ndarray, "moving samples"]
 OfDrives = Float[np.ndarray, " moving"]
 Inside = Bool[np.ndarray, " samples"]
 
 
-@dataclass(frozen=True, eq=False)
-class _Course:
-    """Torques of moving drives over time: recorded, and by the prior, a fit, and a fit to recorded
-    magnitudes; the last three are zero where unknown."""
-
-    drives: Int[np.ndarray, " moving"]
-    time: Float[np.ndarray, " samples"]
-    prior: Torques
-    fitted: Torques
-    unsigned: Torques
-    recorded: Torques
-    one_sided: Bool[np.ndarray, " moving"]  # whether all recorded torques have the same sign
-    blurred: int  # samples on either side that the filter mixes with one
-
-    @property
-    def step(self) -> float:
-        return float(self.time[1] - self.time[0])
-
-    def correlations(self, late: int, shift: int) -> OfDrives:
-        """Correlations with the prior's torques, shifted by so many samples, of those torques whose
-        positions are in the recording if torques come `late`."""
-        first, last = max(0, late), len(self.time) + min(0, late)
-        prior = self.prior[:, first - shift : last - shift]
-        return _gain(prior, self.recorded[:, first:last])[1]
-
-
-def over_time_verdicts(log: RemappedRecording) -> Iterator[Verdict]:
+def over_time_verdicts(log: RemappedRecording, course: Course) -> Iterator[Verdict]:
     """Verdicts on torques that were joined at another row, have no sign, or have another sign or
     unit for some time."""
-    course = _course(log) if log.good else None
-    if course is None or not course.drives.size:
+    if not course.drives.size:
         return
     magnitudes = tuple(_magnitudes(log, course))
-    yield from magnitudes or tuple(_stretch(log, course)) or _joined(log, course)
+    yield from magnitudes or tuple(_stretch(log, course)) or joined_verdicts(log, course)
 
 
-def _course(log: RemappedRecording) -> _Course | None:
-    """The whole recording, as it is mapped; None where its loops do not close."""
-    rows, moved, dynamics = log.evidence.rows, log.motion, log.evidence.dynamics
-    every, whole = -(-len(rows.time) // _MOST), float(np.ptp(rows.time))
-    if moved.time[-1] - moved.time[0] < 0.9 * whole:
-        fewer = {name: values[::every] for name, values in vars(rows).items()}
-        moved = motion(replace(rows, **fewer), longest=whole) or moved
-    under = residual(dynamics, moved, Map.identity(dynamics.dof))
-    if under is None:
-        return None
-    one_sided = np.all(rows.tau >= 0, axis=0) | np.all(rows.tau <= 0, axis=0)
-    fit = _of_most_rows(under, np.zeros_like(one_sided))
-    known = under.prior, fit, _of_most_rows(under, one_sided) if one_sided.any() else fit
-    torques, drives = np.zeros((len(known), *moved.tau.T.shape)), np.flatnonzero(~under.still)
-    torques[:, :, under.keep] = [under.rows.of_drives(under.Y @ p) for p in known]
-    blurred = moved.low_pass.half // (2 * moved.low_pass.decimation)
-    prior, fitted, unsigned = torques[:, drives]
-    return _Course(
-        drives=drives,
-        time=moved.time,
-        prior=prior,
-        fitted=fitted,
-        unsigned=unsigned,
-        recorded=moved.tau.T[drives],
-        one_sided=one_sided[drives],
-        blurred=blurred,
-    )
-
-
-def _of_most_rows(
-    under: MapResidual, unsigned: Bool[np.ndarray, " drives"]
-) -> Float[np.ndarray, " columns"]:
-    """Parameters that fit the larger part of the rows: for errors with a Cauchy distribution scaled
-    by their median, starting at the prior. Torques of `unsigned` drives get the model's sign."""
-    tau, p, scale = under.rows.stack(under.tau.T), under.prior, lengths(under.Y)
-    turned = np.repeat(unsigned, len(tau) // len(unsigned))
-    for _ in range(_ROUNDS):
-        predicted = under.Y @ p
-        tau = np.where(turned, np.copysign(tau, predicted), tau)
-        errors = np.abs(tau - predicted)
-        weights = 1.0 / np.hypot(1.0, errors / max(float(np.median(errors)), LEAST))
-        A = weights[:, None] * under.Y / scale
-        p = np.linalg.lstsq(A, weights * tau, rcond=NEGLIGIBLE)[0] / scale
-    return p
-
-
-def _magnitudes(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
+def _magnitudes(log: RemappedRecording, course: Course) -> Iterator[Verdict]:
     known = np.where(course.fitted, course.recorded, 0.0)
     fits = course.fitted, course.unsigned, np.abs(course.unsigned)
     *signed, sizes = (1.0 - _gain(f, known)[1] ** 2 for f in fits)
     # The fit to magnitudes has a sign too; torques that keep it are no magnitudes.
-    is_clearer = sizes < _CLEARER * np.minimum(*signed)
+    is_clearer = sizes < CLEARER * np.minimum(*signed)
     drives = course.drives[course.one_sided & is_clearer].tolist()
     if drives:
         yield Verdict(
@@ -138,68 +56,18 @@ def _magnitudes(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
         )
 
 
-def _joined(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
-    """Torques of all drives, or of single ones, that correlate with the prior's at a lag."""
-    if log.best.unexplained < _EXPLAINED:
-        return
-    half = len(course.time) // 2
-    along = np.array([course.correlations(lag, lag) for lag in range(-half, half + 1)])
-    apart = along[half] <= ALONG
-    # One drive has a lag where most go with the motion as they are.
-    groups = np.flatnonzero(apart)[:, None] if apart.mean() < 0.5 else [np.arange(len(apart))]
-    for group in groups:
-        if (lag := _lag_of(course, along[:, group], group)) is None:
-            continue
-        late, peak, without = lag
-        count = round(late / log.evidence.rows.step)
-        drives = course.drives[group].tolist()
-        columns = listed([log.evidence.columns.torque[i].column for i in drives])
-        columns = columns if log.whose(drives) else "the torque columns"
-        yield Verdict(
-            "torque-lag",
-            Grade.WRONG,
-            f"the torque of {log.all_or(drives)} comes {abs(late):.2f} s "
-            f"{'late' if late > 0 else 'early'} against positions, some {abs(count)} rows, more "
-            f"than any drive delays it: {peak:.2g} is then its correlation with the prior's, and "
-            f"{without:.2g} as recorded",
-            log.whose(drives),
-            cause="positions and torques were recorded apart and joined at another row, or by "
-            "clocks that differ",
-            cure=f"join them by stamps of one clock, which shifts {columns} by some {-count:+d} "
-            "rows, or record both at once",
-            number=1e3 * late,
-            unit="ms",
-        )
-
-
-def _lag_of(
-    course: _Course, along: Float[np.ndarray, "lags drives"], drives: Int[np.ndarray, " drives"]
-) -> tuple[float, float, float] | None:
-    """Lag [s] at which torques of some drives correlate most with the prior's, this correlation,
-    and the largest without a lag; None where no lag is clear."""
-    half, mean = len(along) // 2, along.mean(axis=1)
-    k = int(np.argmax(mean[1:-1])) + 1
-    before, peak, after = mean[k - 1 : k + 2].tolist()
-    place = k - half + 0.5 * (before - after) / min(before - 2 * peak + after, -_TINY)  # a parabola
-    late, least = place * course.step, along[k].min()
-    # In undisturbed rows, torques of a repeated motion also correlate a period later.
-    without = max(float(course.correlations(k - half, 0)[drives].mean()), float(mean[half]))
-    clear = 1 - peak**2 <= _CLEARER * (1 - without**2) and least >= SENSIBLE[0]
-    return (late, peak, without) if without <= ALONG and abs(late) >= _DELAY and clear else None
-
-
 @dataclass(frozen=True, eq=False)
 class _Stretch:
     """A part of a course from `first` to before `last`; `order` has the drive whose torque each
     column holds there."""
 
-    course: _Course
+    course: Course
     first: int
     last: int
     order: tuple[int, ...]
 
     @classmethod
-    def best(cls, course: _Course, orders: Sequence[tuple[int, ...]]) -> "_Stretch":
+    def best(cls, course: Course, orders: Sequence[tuple[int, ...]]) -> "_Stretch":
         """The stretch and order with the least residual of scaled torques of the fit."""
         n, f = len(course.time), course.fitted
         u = np.where(f, course.recorded, 0.0)
@@ -244,9 +112,7 @@ class _Stretch:
         moved = np.flatnonzero(order != np.arange(len(order)))
         _, along = _gain(f[order][:, inner], u[:, inner])
         (_, in_order), (_, elsewhere) = (_gain(f[:, part], u[:, part]) for part in (inner, outer))
-        sure = (np.minimum(along, elsewhere) > ALONG) & (
-            1 - along**2 < _CLEARER * (1 - in_order**2)
-        )
+        sure = (np.minimum(along, elsewhere) > ALONG) & (1 - along**2 < CLEARER * (1 - in_order**2))
         return moved[: len(moved) * bool(sure[moved].all())]
 
     def rows(self, record: Evidence) -> str:
@@ -258,7 +124,7 @@ class _Stretch:
         return f"from {start} to {end}"
 
 
-def _stretch(log: RemappedRecording, course: _Course) -> Iterator[Verdict]:
+def _stretch(log: RemappedRecording, course: Course) -> Iterator[Verdict]:
     columns = [log.evidence.columns.torque[i].column for i in course.drives]
     cure = "or give the parts as recordings with a mapping each"
     orders = list(permutations(range(len(columns))))

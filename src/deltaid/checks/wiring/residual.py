@@ -23,7 +23,7 @@ from scipy.signal import detrend
 from deltaid.checks.evidence import RawRows
 from deltaid.dynamics.dynamics import Dynamics
 from deltaid.dynamics.parameters import prior_parameters
-from deltaid.estimation.drive_rows import DriveRows, of_own_drives
+from deltaid.estimation.drive_rows import ColumnsOfDrives, DriveRows, of_own_drives
 from deltaid.estimation.information import entries_at
 from deltaid.estimation.problem import Span
 from deltaid.identification.study import HIGHEST_CUTOFF
@@ -267,6 +267,13 @@ class MapResidual:
         expected = self.rows.of_drives(self.Y @ self.prior)
         sizes = np.outer(np.linalg.norm(expected, axis=1), np.linalg.norm(self.tau, axis=0))
         return expected @ self.tau / np.maximum(sizes, np.finfo(float).tiny)
+
+    @property
+    def regressor(self) -> ColumnsOfDrives:
+        """Y of each drive at all kept samples; zero where it is not used."""
+        Y = np.zeros((self.dynamics.dof, len(self.keep), len(self.columns)))
+        Y[:, self.keep] = self.Y.reshape(len(Y), -1, Y.shape[2]) * self.rows.scale[:, None, None]
+        return Y
 
     @property
     def scale(self) -> Float[np.ndarray, " columns"]:

@@ -16,7 +16,9 @@ from threadpoolctl import threadpool_limits
 from deltaid.checks.evidence import UNRELATED, Evidence, forget
 from deltaid.checks.wiring.candidate import SENSIBLE
 from deltaid.checks.wiring.columns import COUNTS, column_verdicts
+from deltaid.checks.wiring.course import Course
 from deltaid.checks.wiring.explained import RemappedRecording, overall
+from deltaid.checks.wiring.joined import lag_of_all
 from deltaid.checks.wiring.over_time import over_time_verdicts
 from deltaid.checks.wiring.residual import FEWEST, FilteredMotion, motion, residual
 from deltaid.checks.wiring.search import SAMPLES, explained, together
@@ -65,11 +67,11 @@ def checked_wirings(
     for k, record in enumerate(records):
         _refuse_copies(record)
         if (fine := _long_motion(record)) is not None:
-            part = motion(record.rows, **_PART)
-            coarse = fine if part is None or len(part.tau) < SAMPLES else part
-            log = RemappedRecording(record, fine, explained(record.dynamics, fine, coarse))
-            judged[k] = log
-            over_time[k] = tuple(over_time_verdicts(log)) or tuple(time_unit_verdicts(log))
+            log = _explained(record, fine)
+            course = Course.of(log) if log.good else None
+            over_time[k] = tuple(over_time_verdicts(log, course)) if course is not None else ()
+            over_time[k] = over_time[k] or tuple(time_unit_verdicts(log))
+            judged[k] = log if course is None or over_time[k] else _on_time(log, course)
         if len(records) > 1:
             forget(record)
     shown = {k: log for k, log in judged.items() if log.good and not over_time[k]}
@@ -112,9 +114,28 @@ def too_short_verdicts(record: Evidence, wiring: Sequence[Verdict]) -> Iterator[
         )
 
 
+def _explained(record: Evidence, fine: FilteredMotion) -> RemappedRecording:
+    part = motion(record.on_time, **_PART)
+    coarse = fine if part is None or len(part.tau) < SAMPLES else part
+    return RemappedRecording(record, fine, explained(record.dynamics, fine, coarse))
+
+
+def _on_time(log: RemappedRecording, course: Course) -> RemappedRecording:
+    """With a lag of all torques corrected if anything seems wrong: lags spoil inertia, which
+    decides units that no loop does, and gravity."""
+    record = log.evidence
+    if record.settings.lag != "estimate" or worst(_of_recording(log, None)) is Grade.GOOD:
+        return log
+    if (late := lag_of_all(course)) is None:
+        return log
+    record = replace(record, settings=record.settings.model_copy(update={"lag": (late,)}))
+    fine = _long_motion(record)
+    return log if fine is None else _explained(record, fine)
+
+
 def _long_motion(record: Evidence) -> FilteredMotion | None:
     """The liveliest stretch; None where it is too short to decide between hypotheses."""
-    fine = None if record.stands else motion(record.rows)
+    fine = None if record.stands else motion(record.on_time)
     return fine if fine is not None and len(fine.tau) >= FEWEST else None
 
 
