@@ -79,20 +79,20 @@ class _Profile:
         late = place * course.step / course.every
         if abs(late) < least:
             return None
-        with_it, as_recorded = self.shares[drives][:, [k, self.reach]].T
-        # Torques that something disturbs only in compared rows fit a period earlier or later.
-        there, prior = self.places + round(shift / course.every), course.prior[drives]
-        rows, torques = course.regressor[drives][:, there], course.recorded[drives][:, there]
-        of_these = [unexplained(*of_drive) for of_drive in zip(rows, torques, strict=True)]
-        without = np.minimum(as_recorded, of_these)
-        of_these = correlations(prior[:, there], torques).mean()
-        goes_along = max(float(of_these), float(self.as_recorded[drives].mean()))
-        at_it = correlations(prior[:, self.places], self.torques(shift)[drives]).min()
-        if np.any(with_it > CLEARER * without) or at_it < SENSIBLE[0]:
+        with_it, without = self.shares[drives][:, [k, self.reach]].T
+        along = correlations(course.prior[:, self.places], self.torques(shift))[drives]
+        if np.any(with_it > CLEARER * without) or np.any(along < SENSIBLE[0]):
             return None
-        if abs(late) > _DELAY and goes_along > ALONG:
+        if abs(late) > _DELAY and self._goes_along(drives, shift) > ALONG:
             return None
         return _Lag(late, float(np.sqrt(with_it.mean())), float(np.sqrt(without.mean())))
+
+    def _goes_along(self, drives: Int[np.ndarray, " drives"], shift: int) -> float:
+        """Correlation of torques as recorded with the prior's, also in the rows that are compared
+        at a lag: if something disturbs only the others, torques fit a period earlier or later."""
+        there = self.places + round(shift / self.course.every)
+        at_lag = correlations(self.course.prior[:, there], self.course.recorded[:, there])
+        return max(float(along[drives].mean()) for along in (self.as_recorded, at_lag))
 
     def torques(self, shift: int) -> Torques:
         """Torques of the compared samples that many fine samples later."""
@@ -142,7 +142,7 @@ def _verdict(log: RemappedRecording, drives: list[int], lag: _Lag) -> Verdict:
         cause="positions and torques were recorded apart and joined at another row, or by clocks "
         "that differ",
         cure=f"join them by stamps of one clock, which shifts {columns} by some {-count:+d} rows, "
-        f"or record both at once",
+        "or record both at once",
         number=milliseconds,
         unit="ms",
     )
