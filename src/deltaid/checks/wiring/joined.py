@@ -22,8 +22,9 @@ from deltaid.estimation.problem import Span
 from deltaid.estimation.traces import LARGEST_LAG
 from deltaid.model.verdict import Grade, Verdict, listed, percent
 
-# Lag [s] beyond any friction that yields before it slips, and from which a motion may repeat.
-_DELAY = 0.15
+# Lag [s] from which a motion may repeat; below, friction that yields before it slips may look like a
+# lag, but leaves more of each drive's torque than this share of what is unexplained without a lag.
+_DELAY, _NEARLY_NONE = 0.15, 0.1
 # Least number of samples for each column; most samples that are compared.
 _PER_COLUMN, _MOST = 2, 500
 _TINY = np.finfo(float).tiny
@@ -81,9 +82,12 @@ class _Profile:
             return None
         with_it, without = self.shares[drives][:, [k, self.reach]].T
         along = correlations(course.prior[:, self.places], self.torques(shift))[drives]
-        if np.any(with_it > CLEARER * without) or np.any(along < SENSIBLE[0]):
-            return None
-        if abs(late) > _DELAY and self._goes_along(drives, shift) > ALONG:
+        if abs(late) < _DELAY:
+            is_clear = bool(np.all(with_it < _NEARLY_NONE * without))
+        else:
+            is_clear = bool(np.all(with_it < CLEARER * without))
+            is_clear &= self._goes_along(drives, shift) <= ALONG
+        if not is_clear or np.any(along < SENSIBLE[0]):
             return None
         return _Lag(late, float(np.sqrt(with_it.mean())), float(np.sqrt(without.mean())))
 
