@@ -277,10 +277,8 @@ def _as_sequence(given: ReadingsLike | None) -> Sequence[RecordingLike]:
 
 def _result(description: RobotDescription, solution: GeometryFit) -> Calibration:
     known, theta = solution.known, solution.known.G @ solution.u
-    over, std = (
-        places(solution.loops, known, theta),
-        np.linalg.norm(known.G @ solution.root, axis=1),
-    )
+    over = places(solution.loops, known, theta)
+    std = np.linalg.norm(known.G @ solution.root, axis=1)
     robot, zeros, scales, kept = calibrated_robot(description, known, theta, std)
     shares = solution.shares()
     kinds = ["description", *(part.instrument.kind for part in solution.readings), "torques"]

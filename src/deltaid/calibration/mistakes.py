@@ -270,10 +270,8 @@ def _drive_hypotheses(loops: Loops, instrument: Instrument, allowed: float) -> H
         if not np.isfinite(x).all():
             continue
         other = listed([str(k + 1) for k in range(n) if order[k] != k or signs[k] < 0])
-        what, cure = (
-            f"the sign of drive {other} is reversed",
-            "change the sign of these columns of q",
-        )
+        what = f"the sign of drive {other} is reversed"
+        cure = "change the sign of these columns of q"
         if signs == straight:
             what = f"drives {other} are exchanged"
             cure = "name the columns of q in the order of the description's limbs"

@@ -28,8 +28,6 @@ _TIMES = "must be a day as 2026-01-31, or a time as 2026-01-31T08:30, not {:.40}
 _TABLES = (".csv", ".parquet")
 # Columns of a table: the first two are required, the first four are text.
 _COLUMNS = ("robot", "recording", "type", "columns", "time", "load", "temperature")
-
-
 # Longest path: the limit of Linux, the largest of any system.
 _Path = Annotated[str, Field(min_length=1, max_length=4096)]
 

@@ -174,10 +174,8 @@ class Merging:
             weight = file.record.noise[i] / lag.deviation if lag.deviation else 0.0
             is_lag = np.array([name == f"lag.{lag.drive}" for name in local], dtype=bool)
             prior = np.append(np.zeros(view.shape[1] - 1), weight * lag.beside)
-            span, A = (
-                Span.of_columns(np.vstack([R[:, places], weight * is_lag])),
-                np.vstack([R @ view, prior]),
-            )
+            span = Span.of_columns(np.vstack([R[:, places], weight * is_lag]))
+            A = np.vstack([R @ view, prior])
             whole.append(span.without(A))
             view[places] -= span.inverse @ (span.Q.T @ A)
             views.append(view)

@@ -248,10 +248,8 @@ def _friction_reason(robot: AgainstOthers, coordinates: Coordinates, m: U) -> tu
     for places in joints:
         off = robot.along(robot.H[:, places])
         k = int(np.argmax(np.abs(off.values)))
-        variable, times = (
-            coordinates.reduction.variables[places[k]],
-            1 + off.values[k] / m[places[k]],
-        )
+        variable = coordinates.reduction.variables[places[k]]
+        times = 1 + off.values[k] / m[places[k]]
         text = f"{variable.symbol} friction of {variable.owner} is {times:.2f} times the type's"
         candidates.append((len(joints) * robot.chance(off.gain, off.rank), places, text))
     chance, places, text = min(candidates, default=(1.0, [], ""), key=lambda entry: entry[0])

@@ -111,11 +111,8 @@ def contact_of(cycle: Cycle) -> None:
     larger = ca.fmax(excess / _TOLERATED, 1.0)
     residual = _residual(cycle, larger)
     dof, touched = residual.levers.shape[1], ca.if_else(since > 0, 1.0, 0.0)
-    u, judged = (
-        threshold(settings.false_alarms, settings.corner, dof),
-        every(s.settled, ca.logic_or(s.calm, since > 0)),
-    )
-    seen = contact(residual, touched, u, judged)
+    u = threshold(settings.false_alarms, settings.corner, dof)
+    seen = contact(residual, touched, u, every(s.settled, ca.logic_or(s.calm, since > 0)))
     lasts = ca.if_else(seen.detected > 0.5, ca.fmin(since + settings.period, LONGEST_EVENT), 0.0)
     pushed = ca.logic_and(seen.detected > 0.5, lasts < LONGEST_EVENT)
     pauses = ca.if_else(

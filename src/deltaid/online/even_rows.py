@@ -28,17 +28,11 @@ from deltaid.recording.survey_checks import ENCODER_NOISE
 
 # Longest time of skipped rows [s].
 _LONGEST_SKIP = 0.02
-
-
 # Rows over which the share of repeats is averaged: above `MOST_STALE` nothing changes, and repeated
 # rows are new.
 _ROWS = 20
-
-
 # Time constant in which the drift between the clocks of stamps and cycles is forgotten [s].
 _CLOCKS = 1.0
-
-
 # Number of past rows that a motion is extrapolated from; differences and means of as many rows
 # after a skipped one contain it.
 _PAST = 3

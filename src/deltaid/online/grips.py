@@ -99,10 +99,8 @@ def grip_before(
         gripper: its signal.
         differs: 1 where the signal differs from the state.
     """
-    names, P0 = (
-        ("held", "gripping", "since_grip", "left", "offset"),
-        ca.fmax(estimate.P[0, 0], 1e-9),
-    )
+    names = ("held", "gripping", "since_grip", "left", "offset")
+    P0 = ca.fmax(estimate.P[0, 0], 1e-9)
     held, was_open, since, left, known_offset = (fields.before[name] for name in names)
     times = _times(onsets, since, left, held, estimate.x[0], P0)
     weight, off, masses, variances, change, moment = times

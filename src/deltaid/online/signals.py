@@ -89,10 +89,8 @@ def signals(
     u = inputs.symbols("in")
     # Good cycles in a row until inputs are of one instant, and until filters forget their start.
     needed = wait.cycles + (1 if settings.speed == "measured" else 2)
-    finite, most = (
-        all_finite(inputs.vector(u)),
-        needed + round(SETTLED * settings.rate / settings.corner),
-    )
+    most = needed + round(SETTLED * settings.rate / settings.corner)
+    finite = all_finite(inputs.vector(u))
     (near,) = fields.keep(Field("z", dof, "pose [x, y, z, psi]", initial=tuple(home.tolist())))
     even = even_rows(fields, u, finite, model, known, settings, wait.cycles)
     row, skipped, lost, calm, bridged = even
@@ -219,10 +217,8 @@ def _columns(
     model: Model, known: OnlineKnowledge, settings: OnlineSettings
 ) -> tuple[Momentum, ca.DM]:
     """The equations, and directions of p: the model, a load, its errors, friction."""
-    rest, unit = (
-        dict.fromkeys(model.robot.friction_joints, settings.rest_speed),
-        np.eye(model.p.size),
-    )
+    rest = dict.fromkeys(model.robot.friction_joints, settings.rest_speed)
+    unit = np.eye(model.p.size)
     momentum = build_momentum(model.robot, model.dynamics.kinematics.mechanism, rest)
     load = unit[:, known.entries.places(model.layout)] * known.load_scales
     friction = unit[:, list(known.followed)] * known.friction_std

@@ -34,8 +34,6 @@ from deltaid.sensors.weighings import rotation
 
 _AXES = "xyz"
 _FORCES, _MOMENTS = (0, 1, 2), (3, 4, 5)
-
-
 # A rotor whose n is unknown: drive, symbol, and moment on the base in the world for I/n q̈ = 1.
 _Spin = tuple[str, str, Float[np.ndarray, " 3"]]
 

@@ -15,11 +15,7 @@ from deltaid.view.numbers import number
 
 # The quantity with findings of drift.
 MAIN = "friction"
-
-
 _NAME = "friction, with 95 % intervals"
-
-
 _MONTH = timedelta(days=MONTH)
 
 

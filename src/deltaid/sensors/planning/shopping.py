@@ -79,16 +79,11 @@ def goal(name: str, unknowns: PlanUnknowns, recorded: PlannedRecording, enough: 
 
 def _forces(unknowns: PlanUnknowns, recorded: PlannedRecording) -> Float[np.ndarray, "rows n"]:
     """All forces in struts, joints and bearings at some instants, as shares of the largest one."""
-    forces, motion, few = (
-        ConstraintForces(recorded.dynamics.robot),
-        recorded.motion,
-        recorded.motion.few,
-    )
+    forces, motion = ConstraintForces(recorded.dynamics.robot), recorded.motion
+    few, count = motion.few, len(recorded.p)
     C = forces.coefficients(motion.z[few], motion.qd[few], motion.qdd[few])
     C = C[:, [k for k, unit in enumerate(forces.units) if unit == "N"]]
-    return (C / np.abs(C @ recorded.p).max()).reshape(-1, len(recorded.p)) @ unknowns.W[
-        : len(recorded.p)
-    ]
+    return (C / np.abs(C @ recorded.p).max()).reshape(-1, count) @ unknowns.W[:count]
 
 
 # Least worthwhile reduction of all of a goal's standard deviations: 2 %.
