@@ -229,16 +229,8 @@ def gather_recorded(job: GatherJob, place: Place) -> GatherResult:
 
 def poor(recordings: Iterable[RecordingBrief]) -> str:
     """Names of doubtful and wrong verdicts, joined."""
-    return ", ".join(
-        sorted(
-            {
-                verdict.key
-                for recording in recordings
-                for verdict in recording.verdicts
-                if verdict.grade in _POOR
-            }
-        )
-    )
+    verdicts = (verdict for recording in recordings for verdict in recording.verdicts)
+    return ", ".join(sorted({verdict.key for verdict in verdicts if verdict.grade in _POOR}))
 
 
 def _gathered_now(job: GatherJob) -> FactorFile:
