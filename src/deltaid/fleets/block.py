@@ -21,6 +21,7 @@ from deltaid.estimation.information import Information
 from deltaid.fleets.drift_friction import FrictionSums, friction_sums
 from deltaid.fleets.factor_record import FactorGroups, RecordingBrief, entries_of, triangles_of
 from deltaid.fleets.merged import Independent, MergedPart, Merging, stacked
+from deltaid.grouping import grouped
 from deltaid.identification.geometric_rows import GeometricRows
 
 # Number of groups from which consecutive ones are merged: Student's t is then within 2 % of a
@@ -58,21 +59,16 @@ class RecordingBlock:
     @classmethod
     def of_part(cls, merging: Merging, part: MergedPart, key: int) -> "RecordingBlock":
         """The block of a single recording, from its part of the fit."""
-        information, columns = part.information, [[*drive.at, -1] for drive in merging.drives]
-        whole = FactorGroups.of_rows(
-            [_WHOLE],
-            [R[None][:, :, places] for R, places in zip(information.factors, columns, strict=True)],
-            information.samples[None],
-            information.torque_max[None],
-        )
-        places = part.file.groups.named("place")
-        rows = part.rows(places)
-        by_place = FactorGroups.of_rows(
-            places.names,
-            [rows[:, i][:, :, places] for i, places in enumerate(columns)],
-            places.samples,
-            places.torque_max,
-        )
+        independent = [[*drive.at, -1] for drive in merging.drives]
+
+        def groups(names: Sequence[str], rows: np.ndarray, *sizes: np.ndarray) -> FactorGroups:
+            each = [rows[:, i][:, :, columns] for i, columns in enumerate(independent)]
+            return FactorGroups.of_rows(names, each, *sizes)
+
+        information, places = part.information, part.file.groups.named("place")
+        parts = (information.factors, information.samples, information.torque_max)
+        whole = groups([_WHOLE], *(array[None] for array in parts))
+        by_place = groups(places.names, part.rows(places), places.samples, places.torque_max)
         shifted, geometry = merging.geometry(part.file), None
         if shifted:
             active, none = len(merging.active), np.zeros((1, len(shifted)))
@@ -93,10 +89,10 @@ class RecordingBlock:
         coarse = _cuts(keys, 1 << ((len(keys) - 1) // MOST_GROUPS).bit_length())
         if len(coarse) < len(counts):
             ends = np.searchsorted(np.cumsum(counts), np.cumsum(coarse)) + 1
-            members = np.split(np.arange(len(counts)), ends[:-1])
-            groups = groups.summed({k: part.tolist() for k, part in enumerate(members)}).rounded
+            members = enumerate(np.split(np.arange(len(counts)), ends[:-1]))
+            groups = groups.summed({str(k): part.tolist() for k, part in members}).rounded
         places = self.places.joined(other.places)
-        names, which = np.unique(places.names, return_inverse=True)
+        by_name = grouped(sorted((name, k) for k, name in enumerate(places.names)))
         quantities = tuple(dict.fromkeys(self.quantities + other.quantities))
         shifted = [block.over(quantities) for block in (self, other) if block.geometry]
         geometry = shifted[0] if shifted else None
@@ -110,9 +106,7 @@ class RecordingBlock:
             tuple(coarse),
             self.whole.joined(other.whole).summed({_WHOLE: [0, 1]}),
             groups,
-            places.summed(
-                {str(name): np.flatnonzero(which == k).tolist() for k, name in enumerate(names)}
-            ).rounded,
+            places.summed(by_name).rounded,
             geometry,
             quantities,
         )

@@ -68,7 +68,7 @@ class FactorGroups:
             np.concatenate([self.torque_max, other.torque_max]),
         )
 
-    def summed(self, members: Mapping[int | str, Sequence[int]]) -> "FactorGroups":
+    def summed(self, members: Mapping[str, Sequence[int]]) -> "FactorGroups":
         """Merge groups under new names; a group that stays alone keeps every bit."""
         each = [list(places) for places in members.values()]
         factors = (
@@ -76,7 +76,7 @@ class FactorGroups:
             for R in self.factors
         )
         return FactorGroups(
-            tuple(map(str, members)),
+            tuple(members),
             tuple(map(np.stack, factors)),
             samples=np.stack([self.samples[places].sum(axis=0) for places in each]),
             torque_max=np.stack([self.torque_max[places].max(axis=0) for places in each]),
