@@ -13,7 +13,7 @@ import polars as pl
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.fleets.factor_columns import map_to
-from deltaid.fleets.factor_file import ENDING, FactorFile, write
+from deltaid.fleets.factor_file import ENDING, FactorFile, digest, write
 from deltaid.fleets.factor_record import FactorGroups, Temperature
 from deltaid.fleets.gather import gathered
 from deltaid.fleets.merged import Merging, merging_of
@@ -70,7 +70,7 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
 
     # Not validated: that of a year takes longer than all the rest.
     record, known = file.record, file.record.model
-    source = known.sources[0].changed(log=name, sha256=f"{name}-sum", rows="")
+    source = known.sources[0].changed(log=name, sha256=digest(name), rows="")
     fields: dict[str, Any] = dict(known) | {"sources": (source,)}
     own: dict[str, Any] = dict(record) | {"model": type(known).model_construct(**fields)}
     geometry = None if file.geometry is None else moved(file.geometry)
@@ -116,8 +116,9 @@ def days(
     held: Callable[[int], float] = lambda _: 0.0,
     temperature: Callable[[int], float | None] = lambda _: None,
     every: int = 1,
+    first: int = 0,
 ) -> list[DriftRecording]:
-    """One recording a day, or every so many days; functions of its number.
+    """One recording a day, or every so many days from the first on; functions of its number.
 
     Args:
         share: by how much friction of each drive is more on a day, as a share.
@@ -132,7 +133,7 @@ def days(
             for kind in ("viscous", "coulomb"):
                 name = f"{kind}.{drive}"
                 more[name] = times * float(p[layout.names.index(name)])
-        time = START + timedelta(days=every * day)
+        time = START + timedelta(days=first + every * day)
         changed = with_other(file, merging, more, f"line3-{time:%Y-%m-%d}.csv")
         found.append(DriftRecording(changed, time, temperature(day)))
     return found

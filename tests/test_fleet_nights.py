@@ -43,17 +43,11 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[FactorFile]:
     """A robot day by day, whose second drive wears."""
     folder, own = tmp_path_factory.mktemp("log"), list[FactorFile]()
     for seed in range(3):
-        file = one_recording(folder, seed)
-        recordings = days(file, COUNT // 3, lambda day: [0.0, 0.02 * day, 0.0], every=3)
-        for k, recording in enumerate(recordings):
-            known = recording.file.record.model
-            name = f"line3-{START + timedelta(days=3 * k + seed):%Y-%m-%d}.csv"
-            source = known.sources[0].changed(log=name, sha256=digest(name), rows="")
-            model = type(known).model_construct(**dict(known) | {"sources": (source,)})
-            record = type(recording.file.record).model_construct(
-                **dict(recording.file.record) | {"model": model}
-            )
-            own.append(replace(recording.file, record=record))
+        recordings = days(
+            one_recording(folder, seed), COUNT // 3, lambda day: [0.0, 0.02 * day, 0.0],
+            every=3, first=seed,
+        )  # fmt: skip
+        own += [recording.file for recording in recordings]
     return sorted(own, key=lambda file: file.record.log)
 
 
