@@ -53,7 +53,7 @@ def test_the_list_is_printed_and_read_again(tmp_path: Path) -> None:
     ("arguments", "said"),
     [
         (("--goal", "Q"), "choose from bodies, forces, gains, U, S, P"),
-        (("--combine", "edge:Q"), "nothing called 'edge:Q'"),
+        (("--combine", "edge:Q"), "has no use 'edge:Q'\n  → did you mean edge:"),
         (("--entries", "S.mcx,Q.m"), "no entry 'Q.m'"),
         (("--budget", "0"), "must be a positive number"),
         (("--enough", "2"), "must lie between"),

@@ -273,7 +273,7 @@ def _find(names: Sequence[str], possible: Sequence[Use], offers: Offers) -> list
     """Uses by their names; none of them where the list's own combination does not fit.
 
     Raises:
-        DeltaidError: there is none of a name.
+        UnknownNameError: there is none of a name.
     """
     by_name = {use.name: use for use in possible}
     missing = [name for name in names if name not in by_name]
@@ -281,11 +281,7 @@ def _find(names: Sequence[str], possible: Sequence[Use], offers: Offers) -> list
         return [by_name[name] for name in names]
     if tuple(names) in offers.combinations:
         return []
-    raise DeltaidError(
-        f"there is nothing called '{missing[0]}' to be done on this robot",
-        where="--combine",
-        cure=f"choose from {', '.join(by_name)}",
-    )
+    raise unknown(missing[0], by_name, "use", "--combine")
 
 
 def _notes(entries: PlanUnknowns, aim: str, gain_spread: float) -> Iterator[str]:
