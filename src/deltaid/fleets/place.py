@@ -10,7 +10,7 @@ from typing import Any
 import polars as pl
 
 from deltaid.checksum import EMPTY, require_intact, sealed
-from deltaid.errors import DeltaidError, RecordingError
+from deltaid.errors import DeltaidError, RecordingError, typed
 from deltaid.files import resolved
 from deltaid.fleets import store
 from deltaid.fleets.factor_file import FactorFile, read
@@ -50,10 +50,7 @@ class Place:
         Raises:
             DeltaidError: it is neither text nor a path, is empty, or does not resolve.
         """
-        if not isinstance(folder, str | Path):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise DeltaidError(
-                f"a {type(folder).__name__} is no folder", where="output", cure="give a path"
-            )
+        typed("output", folder, (str, Path), "a path")
         text = str(folder)
         if not text.strip():
             raise DeltaidError(
