@@ -28,9 +28,6 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.friction import Friction
 from deltaid.robot.friction_terms import TERMS
 
-# Constants of terms that have any in addition to the coefficient.
-_CURVED = {term.kind: term.constants for term in TERMS if term.constants}
-
 
 def with_laws(
     robot: RobotDescription, briefs: Sequence[RecordingBrief], settings: Settings
@@ -53,10 +50,10 @@ def _usual(laws: Sequence[Friction]) -> Friction:
     terms = min(kinds, key=lambda kind: (-kinds[kind], len(kind), kind))
     same = [law for law in laws if terms_of(law) == terms]
     law = min(same, key=lambda law: law.model_dump_json())
-    for term in set(_CURVED).intersection(terms):
-        parts = [getattr(law, term) for law in same]
-        values = {name: median(getattr(part, name) for part in parts) for name in _CURVED[term]}
-        law = law.changed(**{term: getattr(law, term).changed(**values)})
+    for term in (term for term in TERMS if term.constants and term.kind in terms):
+        parts = [getattr(law, term.kind) for law in same]
+        values = {name: median(getattr(part, name) for part in parts) for name in term.constants}
+        law = law.changed(**{term.kind: getattr(law, term.kind).changed(**values)})
     return law
 
 
