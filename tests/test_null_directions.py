@@ -102,8 +102,8 @@ def left_open(name: str, *sensors: BaseWrench | StrutForce) -> NullSpace:
     dynamics, motion = where.dynamics, where.motion
     rows = [torque_rows(where)]
     rows += [planned_rows(where, sensor_rows(dynamics, "s", sensor))[1] for sensor in sensors]
-    mechanism = dynamics.kinematics.mechanism
-    found = exchanges(dynamics.robot, dynamics.layout, instances(mechanism, motion.z[::50]))
+    along = instances(dynamics.kinematics, motion.z[::50])
+    found = exchanges(dynamics.robot, dynamics.layout, along)
     return null_space(np.vstack(rows)[:, : len(where.p)], dynamics.layout, found)
 
 
@@ -199,8 +199,8 @@ def test_random_robots_have_all_of_their_directions_named(make: Make) -> None:
     motion = generic_motion(dynamics, 20.0, 0)
     where = PlannedRecording(dynamics, motion, 1.0, np.ones(dynamics.dof))
     rows = torque_rows(where)[:, : len(where.p)]
-    mechanism = dynamics.kinematics.mechanism
-    found = exchanges(robot, dynamics.layout, instances(mechanism, motion.z[::50]))
+    along = instances(dynamics.kinematics, motion.z[::50])
+    found = exchanges(robot, dynamics.layout, along)
     null = null_space(rows, dynamics.layout, found)
     words = [direction.words for direction in null.directions]
     assert len(words) == null.visible - null.rank > 0

@@ -237,8 +237,6 @@ def wide_force(dynamics: Dynamics) -> float:
 
 def wide_moment(dynamics: Dynamics, about: Float[np.ndarray, " 3"]) -> float:
     """Standard deviation of an unknown moment offset [N m]: `wide_force` at the farthest body."""
-    mechanism = dynamics.kinematics.mechanism
-    origins = [ca.DM(body.R_WL) @ body.origin.at for body in mechanism.bodies]
-    places = ca.Function("origins", [mechanism.z], [ca.horzcat(*origins)])
-    levers = np.array(places(dynamics.kinematics.home)).T - about
+    poses = dynamics.kinematics.poses(dynamics.kinematics.home)
+    levers = np.array([pose.r_WB for pose in poses]) - about
     return wide_force(dynamics) * float(np.linalg.norm(levers, axis=1).max())

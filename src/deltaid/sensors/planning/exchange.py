@@ -16,14 +16,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
 from deltaid.dynamics.parameters import ParameterLayout
 from deltaid.grouping import grouped
 from deltaid.levels import FAINT
-from deltaid.mechanism.mechanism import Mechanism
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.robot.body import body_in_words
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, RigidBody
@@ -67,18 +66,11 @@ class Shared:
     along_b: Float[np.ndarray, "free 3"]
 
 
-def instances(mechanism: Mechanism, z: Float[np.ndarray, "samples dof"]) -> tuple[Instance, ...]:
+def instances(kinematics: Kinematics, z: Float[np.ndarray, "samples dof"]) -> tuple[Instance, ...]:
     """All bodies along a motion, the base last."""
-    poses = [
-        ca.densify(ca.DM(body.R_WL) @ pose)
-        for body in mechanism.bodies
-        for pose in (body.rotation.R, body.origin.at)
-    ]
-    values = ca.Function("poses", [mechanism.z], [ca.horzcat(*poses)])
-    rows = np.stack([np.array(values(pose)) for pose in z])
     moving = [
-        Instance(body.name, body.count, rows[:, :, 4 * i : 4 * i + 3], rows[:, :, 4 * i + 3])
-        for i, body in enumerate(mechanism.bodies)
+        Instance(body.name, body.count, pose.R_WB, pose.r_WB)
+        for body, pose in zip(kinematics.mechanism.bodies, kinematics.poses(z), strict=True)
     ]
     still = np.broadcast_to(np.eye(3), (len(z), 3, 3)), np.zeros((len(z), 3))
     return (*moving, Instance("", 1, *still))

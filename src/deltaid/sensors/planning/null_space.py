@@ -192,8 +192,8 @@ def openings(
     bought: Sequence[Use],
 ) -> tuple[Opening, ...]:
     """Null spaces of torques, then with the description's rows, each use, and all purchases."""
-    layout, mechanism = dynamics.layout, dynamics.kinematics.mechanism
-    proposed = exchanges(dynamics.robot, layout, instances(mechanism, motion.z[motion.few]))
+    layout, along = dynamics.layout, instances(dynamics.kinematics, motion.z[motion.few])
+    proposed = exchanges(dynamics.robot, layout, along)
     known, titles = np.vstack([torque, described]), {use.name: use.title for use in uses}
 
     def null(*rows: Extended) -> NullSpace:
