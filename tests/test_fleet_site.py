@@ -107,6 +107,14 @@ def test_a_step_has_its_levels(tmp_path: Path) -> None:
     assert level["y"] == pytest.approx([2.0, 2.0, 2.4, 2.4])
 
 
+def test_a_value_at_a_limit_is_not_that_of_the_prior(tmp_path: Path) -> None:
+    folder = write_tables(tmp_path / "plant", robots=2, weeks=2)
+    for origin, is_grey in (("limit", False), ("prior", True)):
+        changed(folder, "parameters", name(0), decided_by=origin)
+        page = write(folder).parent / "robots" / f"{name(0)}.html"
+        assert ('class="muted"' in page.read_text(encoding="utf-8")) == is_grey
+
+
 def test_temperature_is_taken_out_of_what_is_drawn(fleet: Path) -> None:
     friction = figure(fleet / "site" / "robots" / "R001.html", '"as recorded"')
     recorded, cooled = (np.array(trace["y"]) for trace in friction["data"][:2])

@@ -20,13 +20,12 @@ from deltaid.fleets.site.parts import (
 )
 from deltaid.fleets.site.state import Robot, Urgency, day, last_period
 from deltaid.view import style
+from deltaid.view.model_tables import MEASURED
 from deltaid.view.numbers import number, percent, span
 from deltaid.view.page import Block, Chart, Fact, Page, Section, Summary, Table, Text, Trust
 
 # Largest number of recordings on a page, quarantined ones first.
 _RECORDINGS = 500
-# Sources of identified values.
-BY_DATA = ("data", "sum", "measured", "sensors")
 
 
 def robot_page(robot: Robot, label: str) -> Page:
@@ -173,7 +172,7 @@ def _parameters(parameters: pl.DataFrame) -> Section:
 
 
 def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
-    by_data = pl.col("decided_by").is_in(BY_DATA)
+    by_data = pl.col("decided_by").is_in(MEASURED)
     periods = ordered.group_by("parameter").agg(by_data.sum(), pl.len()).rows_by_key("parameter")
     rows = tuple(
         (
@@ -188,7 +187,7 @@ def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
         for row in fit.iter_rows(named=True)
         for decided, many in periods.get(row["parameter"], [(0, 0)])
     )
-    grey = frozenset(k for k, by in enumerate(fit["decided_by"]) if by not in BY_DATA)
+    grey = frozenset(k for k, by in enumerate(fit["decided_by"]) if by not in MEASURED)
     return Table(
         ("parameter", "value", "±", "unit", "95 % interval", "prior", "decided by",
          "periods by data"),
@@ -199,7 +198,7 @@ def _values(fit: pl.DataFrame, ordered: pl.DataFrame, said: str) -> Table:
 
 
 def _over_periods(ordered: pl.DataFrame) -> tuple[Chart, ...]:
-    decided = ordered.filter(pl.col("decided_by").is_in(BY_DATA))
+    decided = ordered.filter(pl.col("decided_by").is_in(MEASURED))
     names = list(dict.fromkeys(decided["parameter"].to_list()))
     if not names or ordered["period"].n_unique() < 2:
         return ()
@@ -232,7 +231,7 @@ def _panel(rows: pl.DataFrame) -> Panel:
         "marker": {
             "color": style.IDENTIFIED,
             "size": 5,
-            "symbol": ["circle" if by in BY_DATA else "circle-open" for by in decided],
+            "symbol": ["circle" if by in MEASURED else "circle-open" for by in decided],
         },
     }
     unit = rows["unit"][0]
