@@ -103,6 +103,8 @@ def test_velocities_that_are_late_or_noisy_are_excluded() -> None:
     fine = opened(changed(true))
     assert fine.has_velocity
     assert not fine.doubts
+    slow = {f"qdd{i}": np.roll(np.gradient(true[f"qd{i}"], 1e-3), 3) for i in (1, 2, 3)}
+    assert opened(changed(true | slow)).has_velocity  # accelerations are not used
     late = opened(changed({name: np.roll(x, 1) for name, x in true.items()}))
     assert not late.has_velocity
     assert "1 ms late against its position" in late.doubts[0]

@@ -9,6 +9,7 @@ Otherwise signs, order and units are judged as for an identification, with the s
 """
 
 from contextlib import suppress
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -21,13 +22,12 @@ from deltaid.checks.wiring.wiring import checked_wiring
 from deltaid.effects.lag_columns import APART
 from deltaid.effects.lag_groups import SMALL
 from deltaid.errors import Doubt, RecordingError
-from deltaid.estimation.drive_rows import STRETCHES
 from deltaid.estimation.spectra import white_noise
-from deltaid.identification.column_stages import CLEAR_LAG, rate_lag
+from deltaid.identification.column_stages import CLEAR_LAG, late_rate
 from deltaid.identification.loads import declared_loads
 from deltaid.identification.setup import Setup
 from deltaid.identification.study import studied
-from deltaid.levels import STRONG
+from deltaid.mechanism.kinematics import Kinematics
 from deltaid.model.model import Model
 from deltaid.model.settings import Settings
 from deltaid.model.verdict import Grade, listed, plus_minus
@@ -37,7 +37,6 @@ from deltaid.recording.memory import RecordingLike
 from deltaid.recording.recording import with_filter
 from deltaid.recording.source import BATCH_ROWS
 from deltaid.recording.spectrum import spectrum_of
-from deltaid.recording.survey_checks import STRETCH
 
 # Noise of a velocity that is harmless, even if differences of positions have less [rad/s or m/s].
 _QUIET = 3e-3
@@ -51,8 +50,8 @@ def speeds_of(log: Log, model: Model) -> tuple[bool, tuple[float, ...], tuple[Do
     made, velocity = _position_noise(log, dof) * log.rate * np.sqrt(2.0), log.columns.velocity
     if not velocity or any(correction.kind == "velocity" for correction in known):
         return False, tuple(made.tolist()), ()
-    rows = _first(log)
-    lag, noise = _lag(rows, log.rate, dof), white_noise(rows[:, 1 + dof : 1 + 2 * dof])
+    noise = white_noise(_first(log)[:, 1 + dof : 1 + 2 * dof])
+    lag = _lag(log, model.dynamics.kinematics)
     if np.abs(lag).max() > SMALL:
         i = int(np.argmax(np.abs(lag)))
         what = f"comes {_in_words(lag[i])} against its position"
@@ -92,22 +91,14 @@ def _first(log: Log) -> Float[np.ndarray, "rows channels"]:
     return longest
 
 
-def _lag(
-    rows: Float[np.ndarray, "rows channels"], rate: float, dof: int
-) -> Float[np.ndarray, " drives"]:
-    """Lag δ of recorded velocities, v(t) = q̇(t − δ) = q̇ − δ q̈ [s]; zero if not significant.
-
-    Averages of velocities over some hundredths of a second, and differences of positions over the
-    same time, have hardly any noise.
-    """
-    n, q, v = max(1, round(STRETCH * rate)), rows[:, 1 : 1 + dof], rows[:, 1 + dof : 1 + 2 * dof]
-    if len(q) < 4 * n + STRETCHES:
-        return np.zeros(dof)
-    area = np.vstack([np.zeros(dof), np.cumsum(0.5 * (v[1:] + v[:-1]), axis=0)])
-    means, true = (area[n:] - area[:-n]) / n, (q[n:] - q[:-n]) * rate / n
-    change = (true[2 * n :] - true[: -2 * n]) * rate / (2 * n)
-    lag = rate_lag(means[n:-n], true[n:-n], change, np.ones(len(change), dtype=bool))
-    return np.where(np.abs(lag.values) > STRONG * lag.deviation, lag.values, 0.0)
+def _lag(log: Log, kinematics: Kinematics) -> Float[np.ndarray, " drives"]:
+    """Lag of recorded velocities [s]; zero if not significant."""
+    velocities, lag = replace(log, columns=replace(log.columns, acceleration=())), None
+    with suppress(RecordingError):  # too short to be filtered
+        lag = late_rate(with_filter(velocities), kinematics)
+    if lag is None:
+        return np.zeros(kinematics.dof)
+    return np.where(np.abs(lag.values) > CLEAR_LAG * lag.interval, lag.values, 0.0)
 
 
 # Verdicts that are given elsewhere: the run judges the size of torques, because its model is more
