@@ -60,7 +60,7 @@ def gather_all(call: Call) -> list[GatherResult]:
             continue
         outcome = known.get(job.key)
         if reason := call.refused.get(job.key):
-            outcomes.append(replace(_failed(job, reason), key=job.key, is_new=False))
+            outcomes.append(replace(_failed(job, reason, job.key), is_new=False))
         elif outcome is not None and listing.get(outcome.file) == outcome.bytes:
             outcomes.append(replace(outcome, recorded=recorded))
         else:
@@ -143,8 +143,8 @@ def _gathered(call: Call, jobs: Sequence[GatherJob]) -> list[GatherResult]:
     return list(call.done(("gathered", "recordings"), gather_recorded, jobs, _failed))
 
 
-def _failed(job: GatherJob, why: str) -> GatherResult:
-    return GatherResult(job.recorded, "", reason=why, how=job.how.digest)
+def _failed(job: GatherJob, why: str, key: str = "") -> GatherResult:
+    return GatherResult(job.recorded, key, reason=why, how=job.how.digest)
 
 
 def _why_lost(call: Call, outcome: GatherResult, listing: Mapping[str, int]) -> str:
@@ -212,8 +212,7 @@ def gather_recorded(job: GatherJob, place: Place) -> GatherResult:
                 place.save_file(job.file, lambda path: write(file, path, job.key))
             size = place.size(job.file)
         except DeltaidError as error:
-            result = _failed(job, str(error))
-            return result if isinstance(error, StoreError) else replace(result, key=job.key)
+            return _failed(job, str(error), "" if isinstance(error, StoreError) else job.key)
     return GatherResult(
         job.recorded,
         job.key,
