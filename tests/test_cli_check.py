@@ -154,6 +154,12 @@ def test_warnings_of_reading_are_printed_once_as_identify_prints_them(tmp_path: 
     assert checked in identified  # which adds warnings of its fit
     verdicts = deltaid.check("clavel-delta3", log)
     assert any("row 2 is taken for units" in text for text in verdicts.warnings)
+    page = tmp_path / "check.html"
+    given = json.loads(run("check", "clavel-delta3", log, "--json", "--report", page).out)[
+        "warnings"
+    ]
+    assert given == list(verdicts.warnings)
+    assert "row 2 is taken for units" in page.read_text(encoding="utf-8")
 
 
 def test_warnings_of_a_recording_that_is_refused_are_printed(tmp_path: Path) -> None:

@@ -227,6 +227,7 @@ def check(
                     }
                     for verdict in verdicts
                 ],
+                "warnings": list(verdicts.warnings),
             }
         )
         raise typer.Exit(EXIT[verdicts.grade])
