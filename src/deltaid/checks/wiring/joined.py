@@ -22,8 +22,8 @@ from deltaid.estimation.problem import Span
 from deltaid.estimation.traces import LARGEST_LAG
 from deltaid.model.verdict import Grade, Verdict, listed, percent
 
-# Lag [s] from which a motion may repeat; below, friction that yields before it slips may look like a
-# lag, but leaves more of each drive's torque than this share of what is unexplained without a lag.
+# Lag [s] from which a motion may repeat. Below, friction that yields before it slips may look like
+# a lag, but leaves more of each drive's torque than this share of what a lag of zero leaves.
 _DELAY, _NEARLY_NONE = 0.15, 0.1
 # Least number of samples for each column; most samples that are compared.
 _PER_COLUMN, _MOST = 2, 500
