@@ -98,7 +98,7 @@ def test_torques_of_other_rows_are_named_as_joined_wrongly(rows: int) -> None:
     assert "the torque columns" in verdict.cure
 
 
-@pytest.mark.parametrize("rows", [125, -200])
+@pytest.mark.parametrize("rows", [125, -200, 9, -20])
 def test_the_torque_of_one_drive_that_is_joined_at_another_row_is_named(rows: int) -> None:
     columns = recorded(NAME)
     tau = columns["tau"][250:-250].copy()
@@ -106,13 +106,14 @@ def test_the_torque_of_one_drive_that_is_joined_at_another_row_is_named(rows: in
     shifted = {name: x[250:-250] for name, x in columns.items()}
     verdict = verdict_on(shifted | {"tau": tau})
     assert (verdict.key, verdict.subject) == ("torque-lag", "drive2")
-    assert verdict.number == pytest.approx(1e3 * rows / RATE, abs=20)
+    assert verdict.number == pytest.approx(1e3 * rows / RATE, abs=2)
     assert "shifts tau2 by" in verdict.cure
 
 
-def test_friction_that_yields_before_it_slips_is_no_torque_of_another_row() -> None:
-    """With a lag of 32 ms of drive 4, a sixth of what is unexplained would remain."""
-    made = case("presliding", "delta4", 0)
+@pytest.mark.parametrize("seed", [0, 2])
+def test_friction_that_yields_before_it_slips_is_no_torque_of_another_row(seed: int) -> None:
+    """With a lag of 33 ms of drive 4, 17 % and 6 % of what is unexplained would remain."""
+    made = case("presliding", "delta4", seed)
     verdicts = checked_wiring(evidence(described(made), made.logs[0]))
     assert "torque-lag" not in [verdict.key for verdict in bad(verdicts)]
 

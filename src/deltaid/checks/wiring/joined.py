@@ -23,8 +23,9 @@ from deltaid.estimation.traces import LARGEST_LAG
 from deltaid.model.verdict import Grade, Verdict, listed, percent
 
 # Lag [s] from which a motion may repeat. Below, friction that yields before it slips may look like
-# a lag, but leaves more of each drive's torque than this share of what a lag of zero leaves.
-_DELAY, _NEARLY_NONE = 0.15, 0.1
+# a lag, but leaves more of each drive's torque than this share of what a lag of zero leaves; for
+# a single drive its square counts.
+_DELAY, _LEFT = 0.15, 0.1
 # Least number of samples for each column; most samples that are compared.
 _PER_COLUMN, _MOST = 2, 500
 _TINY = np.finfo(float).tiny
@@ -83,10 +84,10 @@ class _Profile:
         with_it, without = self.shares[drives][:, [k, self.reach]].T
         along = correlations(course.prior[:, self.places], self.torques(shift))[drives]
         if abs(late) < _DELAY:
-            is_clear = bool(np.all(with_it < _NEARLY_NONE * without))
+            is_clear = bool(np.all(with_it < (_LEFT if len(drives) > 1 else _LEFT**2) * without))
         else:
-            is_clear = bool(np.all(with_it < CLEARER * without))
-            is_clear &= self._goes_along(drives, shift) <= ALONG
+            goes_along, peak = self._goes_along(drives, shift), float(along.mean())
+            is_clear = goes_along <= ALONG and 1 - peak**2 <= CLEARER * (1 - goes_along**2)
         if not is_clear or np.any(along < SENSIBLE[0]):
             return None
         return _Lag(late, float(np.sqrt(with_it.mean())), float(np.sqrt(without.mean())))
@@ -123,7 +124,7 @@ def joined_verdicts(log: RemappedRecording, course: Course) -> Iterator[Verdict]
     lags = [(every, profile.lag_of(every, LARGEST_LAG))]
     apart = profile.as_recorded <= ALONG
     if lags[0][1] is None and apart.mean() < 0.5:
-        lags = [(every[[i]], profile.lag_of(every[[i]], _DELAY)) for i in np.flatnonzero(apart)]
+        lags = [(every[[i]], profile.lag_of(every[[i]], LARGEST_LAG)) for i in every]
     for group, lag in lags:
         # Columns in another order or unit may explain as much.
         if lag is not None and lag.with_it < np.sqrt(CLEARER) * log.best.unexplained:
