@@ -8,7 +8,7 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -195,6 +195,18 @@ def _is_alive(process: int) -> bool:
 
 
 @contextmanager
+def handling_signals(handler: Callable[[int, object], object], *names: str) -> Generator[None]:
+    """Handle signals by a function while the block runs, in the main thread, as Python can."""
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    is_main = threading.current_thread() is threading.main_thread()
+    with ExitStack() as after:
+        for number in numbers if is_main else ():
+            if signal.getsignal(number) is not None:
+                after.callback(signal.signal, number, signal.signal(number, handler))
+        yield
+
+
+@contextmanager
 def _signals_held() -> Generator[None, None, None]:
     """Hold back signals that end the process until the block has ended.
 
@@ -202,13 +214,7 @@ def _signals_held() -> Generator[None, None, None]:
     other thread, and Python would still run its handler in this one.
     """
     held: list[int] = []
-    is_main = threading.current_thread() is threading.main_thread()
-    names = ("SIGINT", "SIGTERM", "SIGHUP") if is_main else ()
-    with ExitStack() as after:
-        for number in [getattr(signal, name) for name in names if hasattr(signal, name)]:
-            if signal.getsignal(number) is not None:
-                before = signal.signal(number, lambda number, _: held.append(number))
-                after.callback(signal.signal, number, before)
+    with handling_signals(lambda number, _: held.append(number), "SIGINT", "SIGTERM", "SIGHUP"):
         yield
     for number in held:
         signal.raise_signal(number)

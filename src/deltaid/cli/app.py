@@ -9,9 +9,8 @@ import errno
 import os
 import signal
 import sys
-import threading
 from collections.abc import Generator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from inspect import cleandoc
 from io import TextIOWrapper
 from pathlib import Path
@@ -37,6 +36,7 @@ from deltaid.cli import (
 )
 from deltaid.cli.output import remark
 from deltaid.errors import DeltaidError
+from deltaid.files import handling_signals
 
 app = typer.Typer(
     name="deltaid",
@@ -175,11 +175,7 @@ def _cleaning_up() -> Generator[None, None, None]:
     def on_end(number: int, frame: object) -> None:
         raise EndedError(number)
 
-    names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
-    signals = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    with ExitStack() as after:
-        for number in signals:
-            after.callback(signal.signal, number, signal.signal(number, on_end))
+    with handling_signals(on_end, "SIGTERM", "SIGHUP"):
         yield
 
 

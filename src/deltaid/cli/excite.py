@@ -1,8 +1,7 @@
 """`deltaid excite`: a motion that makes parameters identifiable within the machine's limits."""
 
-import signal
 from collections.abc import Generator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
 from threading import Event
@@ -30,7 +29,7 @@ from deltaid.cli.output import (
     write_files,
 )
 from deltaid.errors import DeltaidError, counted, within
-from deltaid.files import write_bytes
+from deltaid.files import handling_signals, write_bytes
 from deltaid.motion.excitation.settings import (
     VERIFICATION_OFFSET,
     CriterionName,
@@ -200,8 +199,7 @@ def _stop_on_interrupt() -> Generator[Event, None, None]:
             raise KeyboardInterrupt
         stop.set()
 
-    with ExitStack() as after:
-        after.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, on_interrupt))
+    with handling_signals(on_interrupt, "SIGINT"):
         yield stop
 
 
