@@ -90,7 +90,7 @@ def test_the_online_cycle_closes_its_loops(tmp_path: Path) -> None:
     mechanism, near = chosen.dynamics.kinematics.mechanism, ca.SX.sym("near", 4)
     inputs = [Array("near", near), Array("q", mechanism.q_symbols)]
     out = "out", ca.vertcat(*pose(mechanism, near, mechanism.q_symbols))
-    text = straight_line("cycle", inputs, out, precision=SINGLE)
+    text = straight_line("cycle", inputs, out, precision=SINGLE).removeprefix("static ")
     head = text.partition("{")[0].strip()  # as -Wmissing-prototypes would have it
     (tmp_path / "pose.c").write_text(f"#include <math.h>\n{head};\n{text}\n")
     cycle = ctypes.CDLL(str(compiled(tmp_path / "pose.c", tmp_path / "pose.so"))).cycle

@@ -83,13 +83,7 @@ def _straight(f: ExportedFunction, precision: Precision, care: Care | None) -> l
         steps.insert(0, ("step", f.newton.both, f.newton.parts))
     return [
         straight_line(
-            f"{f.name}_{name}",
-            inputs,
-            ("out", value),
-            linkage="static ",
-            precision=precision,
-            care=care,
-            parts=parts,
+            f"{f.name}_{name}", inputs, ("out", value), precision=precision, care=care, parts=parts
         )
         for name, value, parts in steps
     ]
@@ -113,9 +107,7 @@ def cycle_texts(c: ExportedCycle, precision: Precision) -> dict[str, object]:
     return {
         "name": c.name,
         "comment": _block(textwrap.wrap(c.doc, 93)),
-        "text": straight_line(
-            f"{c.name}_step", inputs, ("out", both), linkage="static ", precision=precision
-        ),
+        "text": straight_line(f"{c.name}_step", inputs, ("out", both), precision=precision),
         "structs": [(name, doc, _fields(layout)) for name, (doc, layout) in structs.items()],
         "start": [precision.c_number(x) for x in graph.state.initial],
         "sizes": {name: layout.size for name, (_, layout) in structs.items()},
@@ -210,4 +202,4 @@ def accelerations(subject: Model, table: ParameterTable, *smooth: Array, sign: s
     e, tau = subject.dynamics.equations, ca.SX.sym("tau", subject.dynamics.dof)
     qdd = ca.substitute([acceleration(subject, e, tau)], [e.p], [table.p])[0]
     arrays = [Array("z", e.z), Array("qd", e.qd), Array("tau", tau), *smooth, table.array]
-    return straight_line("accelerations", arrays, ("qdd", qdd), linkage="static ", sign=sign)
+    return straight_line("accelerations", arrays, ("qdd", qdd), sign=sign)

@@ -190,7 +190,7 @@ def _functions(subject: Model, table: ParameterTable) -> dict[str, str]:
     return {
         "accelerations": accelerations(subject, table, speed, *payload, sign=sign),
         **{
-            key: straight_line(name, inputs, (out, value), linkage="static ")
+            key: straight_line(name, inputs, (out, value))
             for key, (name, inputs, out, value) in texts.items()
         },
     }

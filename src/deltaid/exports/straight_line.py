@@ -164,13 +164,12 @@ def straight_line(
     inputs: Sequence[Array],
     output: tuple[str, ca.SX],
     *,
-    linkage: str = "",
     sign: str = SIGN,
     precision: Precision = DOUBLE,
     care: Care | None = None,
     parts: Sequence[OutputPart] = (),
 ) -> str:
-    """C text of `void name(const double input[], …, double output[])`.
+    """C text of `static void name(const double input[], …, double output[])`.
 
     The output's entries are dense, a matrix row by row.
 
@@ -190,7 +189,7 @@ def straight_line(
     signature = ", ".join([*arguments, f"{real} {out_name}[{dense.numel()}]"])
     return "\n".join(
         [
-            *wrapped(f"{linkage}void {name}({signature})"),
+            *wrapped(f"static void {name}({signature})"),
             "{",
             *(wrapped(f"    {real} {', '.join(slots)};") if slots else []),
             *(f"    (void){array.name};" for array in arrays if array.name not in used),
