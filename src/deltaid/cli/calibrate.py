@@ -207,9 +207,5 @@ def _as_dictionary(
         "zeros": result.zeros,
         "scales": result.scales,
         "left": result.left,
-        "next": [
-            vars(plan)
-            | {"currency": currency, "poses": plan.poses.tolist(), "blocks": plan.blocks.tolist()}
-            for plan in plans
-        ],
+        "next": [vars(plan) | {"currency": currency} for plan in plans],
     }

@@ -249,17 +249,4 @@ def _on_what(result: "deltaid.Simulation | deltaid.Comparison", **held: object) 
 
 
 def _errors(result: "Tracking") -> dict[str, Any]:
-    error = result.error
-    return {
-        "samples": len(result.time),
-        "ended": result.ended,
-        "platform_rms": error.platform_rms,
-        "platform_max": error.platform_max,
-        "turn_rms": error.turn_rms,
-        "turn_max": error.turn_max,
-        "drive_rms": error.drive_rms.tolist(),
-        "drive_max": error.drive_max.tolist(),
-        "torque_rms": error.torque_rms.tolist(),
-        "torque_max": error.torque_max.tolist(),
-        "saturated": error.saturated.tolist(),
-    }
+    return {"samples": len(result.time), "ended": result.ended} | asdict(result.error)

@@ -215,11 +215,11 @@ def _as_dictionary(result: "deltaid.Excitation") -> dict[str, Any]:
         "ramp": run.ramp,
         "periods": run.repeats,
         "base_frequency": motion.base_frequency,
-        "centre": motion.centre.tolist(),
-        "sine": motion.sine.tolist(),
-        "cosine": motion.cosine.tolist(),
+        "centre": motion.centre,
+        "sine": motion.sine,
+        "cosine": motion.cosine,
         "limits": {limit.name: limit.share for limit in result.limits},
-        "torque_max": result.torque_max.tolist(),
+        "torque_max": result.torque_max,
         "predictions": [
             {
                 "parameter": p.formula,

@@ -52,8 +52,8 @@ def as_dictionary(
         ],
         "friction": {
             "joints": list(model.robot.friction_joints),
-            "viscous": model.p[layout.viscous].tolist(),
-            "coulomb": model.p[layout.coulomb].tolist(),
+            "viscous": model.p[layout.viscous],
+            "coulomb": model.p[layout.coulomb],
             "laws": {
                 joint: law.model_dump(exclude_none=True)
                 for joint, law in model.robot.friction.items()
@@ -73,9 +73,9 @@ def as_dictionary(
 
 def error_dictionary(error: "TorqueError") -> dict[str, Any]:
     return {
-        "rms": error.rms.tolist(),
-        "nrmse": error.nrmse.tolist(),
-        "rms_unfiltered": error.rms_unfiltered.tolist(),
+        "rms": error.rms,
+        "nrmse": error.nrmse,
+        "rms_unfiltered": error.rms_unfiltered,
         "cutoff_hz": error.cutoff,
     }
 

@@ -174,10 +174,10 @@ def base(
     if estimate is not None:
         value |= {
             "method": estimate.method,
-            "values": estimate.values.tolist(),
-            "std": estimate.std.tolist(),
-            "low": (estimate.values - estimate.interval).tolist(),
-            "high": (estimate.values + estimate.interval).tolist(),
+            "values": estimate.values,
+            "std": estimate.std,
+            "low": estimate.values - estimate.interval,
+            "high": estimate.values + estimate.interval,
         }
     measured = len(description.measured) + sum(
         len(body.measured) for body in description.bodies.values()

@@ -10,7 +10,6 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -125,9 +124,12 @@ def styled(text: str, style: str = "bold") -> Text:
 
 
 def print_json(value: Mapping[str, Any]) -> None:
-    """One JSON object on standard output, with times as text."""
-    of_time = partial(datetime.isoformat, timespec="seconds")
-    text = json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False, default=of_time)
+    """One JSON object on standard output, with times as text and arrays as lists."""
+
+    def plain(of: Any) -> Any:
+        return of.isoformat(timespec="seconds") if isinstance(of, datetime) else of.tolist()
+
+    text = json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False, default=plain)
     print(_CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text))
 
 

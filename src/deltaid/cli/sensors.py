@@ -198,9 +198,9 @@ def as_dictionary(plan: "deltaid.SensorPlan") -> dict[str, Any]:
         "currency": plan.offers.currency,
         "notes": list(plan.notes),
         "entries": [
-            {"name": name, "prior": float(value), "unit": unit, "size": float(size), "std": spread}
+            {"name": name, "prior": value, "unit": unit, "size": size, "std": spread}
             for name, value, unit, size, spread in zip(
-                u.names, u.prior, u.units, u.sizes, u.spread.tolist(), strict=True
+                u.names, u.prior, u.units, u.sizes, u.spread, strict=True
             )
         ],
         "torques": _outlook(plan, plan.torques),
@@ -247,5 +247,5 @@ def _outlook(plan: "deltaid.SensorPlan", outlook: "Outlook") -> dict[str, Any]:
         "cost": outlook.cost,
         "gain": outlook.gain,
         "goal": outlook.goal,
-        "std": dict(zip(plan.unknowns.names, outlook.shares.tolist(), strict=True)),
+        "std": dict(zip(plan.unknowns.names, outlook.shares, strict=True)),
     }

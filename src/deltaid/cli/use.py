@@ -138,7 +138,7 @@ def forces(
             "socket_force": computed.socket_force,
             "worst": _findings(result),
             "extremes": {
-                channel: {"unit": unit, "least": float(least), "largest": float(largest)}
+                channel: {"unit": unit, "least": least, "largest": largest}
                 for channel, unit, least, largest in zip(
                     extremes.names, extremes.units, *extremes.values, strict=True
                 )
@@ -163,7 +163,7 @@ def _findings(result: "deltaid.Forces") -> list[dict[str, Any]]:
             "value": worst.value,
             "margin": worst.value + held if worst.kind == "socket" and held else None,
             "time": worst.at.time,
-            "z": worst.at.z.tolist(),
+            "z": worst.at.z,
             "low": finding.range.low if finding.range else None,
             "high": finding.range.high if finding.range else None,
             "open": finding.openness.half_width,
@@ -231,17 +231,17 @@ def sample(
             "models": len(drawn),
             "seed": drawn.seed,
             "limb_tolerance": drawn.limb_tolerance,
-            "effective_size": float(drawn.ess.min()),
-            "rhat": float(drawn.rhat.max()),
+            "effective_size": drawn.ess.min(),
+            "rhat": drawn.rhat.max(),
             "output": str(written),
             "parameters": [
                 {
                     "name": name,
                     "unit": unit,
-                    "mean": float(column.mean()),
-                    "std": float(column.std()),
-                    "effective_size": float(size),
-                    "rhat": float(factor),
+                    "mean": column.mean(),
+                    "std": column.std(),
+                    "effective_size": size,
+                    "rhat": factor,
                 }
                 for name, unit, column, size, factor in zip(
                     drawn.names, drawn.units, drawn.p.T, drawn.ess, drawn.rhat, strict=True
