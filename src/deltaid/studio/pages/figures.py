@@ -1,6 +1,7 @@
 """Figures of the studio on light and dark backgrounds: curves over a common time axis, and a robot
 in three dimensions that follows sliders or the dragged ball."""
 
+import itertools
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
@@ -17,17 +18,14 @@ from deltaid.studio.pages import parts
 from deltaid.studio.plan import Used
 from deltaid.studio.session import Session
 from deltaid.studio.stand import Axis, Stage, robot_at, stage
+from deltaid.view import style
 from deltaid.view.at_pose import View, panel
 from deltaid.view.drawing import Placement
-from deltaid.view.style import stacked
 
 _Data = TypeVar("_Data")
 Options = dict[str, Any]
 Span = tuple[float, float]
 
-_COLOURS = ("#1f77b4", "#d9730d", "#2c9a55", "#a64ca6")
-_MEASURED = "#8a949e"
-_GRID = "rgba(128,128,128,.25)"
 # Largest number of letters of a panel's title.
 _LETTERS = 26
 
@@ -44,7 +42,7 @@ def curves(data: Preview, time: str = "time [s]") -> Options:
             "name": f"drive {curve.drive + 1}" if curve.unit else curve.name,
             "legendgroup": str(curve.drive),
             "showlegend": rows[curve.quantity] == 1 and bool(curve.unit),
-            "line": {"color": _COLOURS[curve.drive % len(_COLOURS)], "width": 1},
+            "line": {"color": style.SERIES[curve.drive % len(style.SERIES)], "width": 1},
             "row": rows[curve.quantity],
         }
         for curve in data.curves
@@ -60,9 +58,10 @@ def compared_curves(compared: TorqueCurves, names: Sequence[str], shown: str) ->
         names: of the models.
         shown: 'torques' or 'errors'.
     """
-    known = {None: ("measured", {"color": _MEASURED, "width": 2.5})} | {
-        model: (name, {"color": _COLOURS[model % len(_COLOURS)], "width": 1.2})
-        for model, name in enumerate(names)
+    colours = itertools.cycle(style.SERIES[1:])  # the first one resembles the measured one's
+    known = {None: ("measured", style.MEASURED_LINE)} | {
+        model: (name, {"color": colour, "width": 1.5})
+        for model, (name, colour) in enumerate(zip(names, colours, strict=False))
     }
     curves = [curve for curve in compared.curves if curve.quantity == shown]
     traces = [
@@ -83,17 +82,11 @@ def _panels(
     time: str = "time [s]",
 ) -> Options:  # fmt: skip
     """Curves in panels with these titles, each with its name, line and panel."""
-    plot = stacked(titles, height=190 * len(titles) + 60, spacing=0.04, time=time)
-    plot.update_xaxes(gridcolor=_GRID, zeroline=False)
-    plot.update_yaxes(gridcolor=_GRID, zeroline=False)
+    plot = style.stacked(titles, height=190 * len(titles) + 60, spacing=0.04, time=time)
     for curve, trace in zip(curves, traces, strict=True):
         plot.add_scatter(x=curve.time, y=curve.values, col=1, **trace)
-    plot.update_layout(
+    plot = style.themed(plot).update_layout(
         margin={"l": 60, "r": 10, "t": 10, "b": 40},
-        legend={"orientation": "h", "y": 1.02, "yanchor": "bottom"},  # two lines grow upwards
-        paper_bgcolor="rgba(0,0,0,0)",
-        plot_bgcolor="rgba(0,0,0,0)",
-        font={"color": "#7a8691"},
         hovermode="x unified",
         hoversubplots="axis",
         uirevision="same",  # the view stays when more detailed curves arrive
