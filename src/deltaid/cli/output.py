@@ -25,16 +25,12 @@ from deltaid.progress import shown_in_terminal
 from deltaid.view.page import WIDEST
 from deltaid.view.page import Table as Finished
 
-# Names of columns with text, which are left-aligned.
-_TEXT_COLUMNS = (
-    "unit", "from", "robot", "mechanism", "base parameter", "chosen law", "model", "remark", "of",
-    "recording", "check", "detected", "why", "may change unnoticed", "entries", "parted by any of",
-)  # fmt: skip
-# Names of columns that wrap in a narrow terminal.
+# Names of columns that wrap in a narrow terminal, and of all with text, which are left-aligned.
 _WRAPPED_COLUMNS = (
     "robot", "mechanism", "base parameter", "chosen law", "why", "of", "may change unnoticed",
     "entries", "parted by any of", "model", "remark", "detected",
 )  # fmt: skip
+_TEXT_COLUMNS = (*_WRAPPED_COLUMNS, "unit", "from", "recording", "check")
 # Number of lines of a result on a usual screen, without those that name written files.
 SCREEN = 22
 # Grades that begin a verdict on a model.

@@ -11,7 +11,6 @@ from deltaid.recording.recording import PreparedRecording
 
 # Weights of a second difference, and number of windows in which differences are compared.
 _SECOND, _WINDOWS = (1.0, -2.0, 1.0), 4
-_TINY = np.finfo(float).tiny
 
 
 def unknown_ends(recording: PreparedRecording, quantity: str, cure: str) -> list[str]:
@@ -49,7 +48,7 @@ def smoothed_away(recording: PreparedRecording, kinematics: Kinematics) -> list[
         np.median(np.abs(taken), axis=0) / ndtri(0.75),
     )
     left, every = (
-        np.maximum(np.mean(x**2, axis=0) - noise**2, _TINY)
+        np.maximum(np.mean(x**2, axis=0) - noise**2, np.finfo(float).tiny)
         for x in (taken, taken + np.vstack(filtered))
     )
     shares = np.where(noise < UNSURE * np.sqrt(every), np.sqrt(left / every), 0.0)

@@ -67,7 +67,6 @@ class Lines:
     """Lines of a file, to be copied verbatim."""
 
     text: str
-    caption: str = ""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ def recording_card(value: Recording) -> Card:
         f"Recording “{value}”",
         (names, "with units of its own") if value.table.units else (names,),
         facts=(("samples", str(len(table))), ("columns", str(table.width)), *facts.items()),
-        more=(("columns", _ranges(table)),),
+        more=(("columns", Table(("column", "least", "largest"), tuple(map(_range, table)))),),
         methods=(".plot()", ".to_frame()", "deltaid.check(robot, recording)"),
     )
 
@@ -89,17 +89,11 @@ def _numbers(column: pl.Series) -> np.ndarray:
     return column.cast(pl.Float64).fill_null(np.nan).to_numpy()
 
 
-def _ranges(table: pl.DataFrame) -> Table:
-    return Table(
-        ("column", "least", "largest"), tuple((column.name, *_range(column)) for column in table)
-    )
-
-
-def _range(column: pl.Series) -> tuple[str, str]:
+def _range(column: pl.Series) -> tuple[str, str, str]:
     if not column.dtype.is_numeric() or not len(column.drop_nulls()):
-        return str(column.dtype), ""
+        return column.name, str(column.dtype), ""
     numbers = column.cast(pl.Float64)
-    return f"{numbers.min():.4g}", f"{numbers.max():.4g}"
+    return column.name, f"{numbers.min():.4g}", f"{numbers.max():.4g}"
 
 
 def log_card(value: Log | recording.PreparedRecording) -> Card:

@@ -23,7 +23,6 @@ _COLOURS = {
     "good": "#1a7f37", "fair": "#8a6100", "doubtful": "#8a6100", "poor": "#b42318",
     "wrong": "#b42318",
 }  # fmt: skip
-_OTHER = "#57606a"
 # Limits of values in a card: numbers of an array that is written in full, and characters of a text.
 _WRITTEN, _CHARACTERS = 16, 60
 
@@ -111,7 +110,7 @@ class Card:
             if colon and head.lower() == self.grade:  # the label shows the grade
                 verdict = rest
         table = self.table or (Table(("", ""), self.facts) if self.facts else None)
-        colour = _COLOURS.get(self.grade, _OTHER)
+        colour = _COLOURS.get(self.grade, "#57606a")
         return (
             import_module("deltaid.view.html")
             .environment()

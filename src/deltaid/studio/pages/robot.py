@@ -164,7 +164,6 @@ def _field(question: Question, answers: dict[str, str]) -> None:
 
 # Pause in typing after which the text is checked [s].
 _PAUSE = 0.4
-_HEIGHT = "26rem"
 
 
 def editor(session: Session, name: str) -> bool:
@@ -210,7 +209,7 @@ class _Editor:
     def __init__(self, session: Session, name: str, draft: FileEdit) -> None:
         self.session, self.name, self.before = session, name, draft.before
         self.field = ui.codemirror(draft.after, language="YAML", line_wrapping=True)
-        self.field.classes("w-full").style(f"height: {_HEIGHT}").props('aria-label="Robot file"')
+        self.field.classes("w-full").style("height: 26rem").props('aria-label="Robot file"')
         self.said = ui.column().classes("w-full")
         with ui.row():
             save = ui.button("Save", on_click=self._keep)
