@@ -207,7 +207,7 @@ def _falls(level: Times, noise: float, sharing: float) -> Int[np.ndarray, " fall
         return np.zeros(0, dtype=int)
     stairs = np.round(medians(level, ABOUT))
     # Below all rows before it, because after a late row a level falls only back to its old value.
-    return np.flatnonzero(stairs[1:] < _lowest(stairs, AGREE)[:-1]) + 1
+    return np.flatnonzero(stairs[1:] < _lowest(stairs)[:-1]) + 1
 
 
 def _noise(place_: Times, sharing: float) -> float:
@@ -230,7 +230,7 @@ def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " ro
     late = (back < 0) & (level < usual - (0.5 if noise < SHARP else 3 + 6 * noise))
     if noise < SHARP:
         # Runs that belong before earlier rows, and single rows that belong after later ones.
-        highest = _lowest(-medians(place_, 5), AGREE)
+        highest = _lowest(-medians(place_, 5))
         late[1:] |= place_[1:] < -highest[:-1] - 0.5
         late[:-1] |= (back[1:] < 0) & (level[:-1] > usual[:-1] + 1.5)
         late[0] = False
@@ -238,13 +238,14 @@ def _extra(place_: Times, noise: float, sharing: float) -> Bool[np.ndarray, " ro
         return late
     low = medians(level, 5)
     # The lowest levels before and after are compared, so that a late stamp is no extra row.
-    before, after = _lowest(low, AGREE)[:-1], _lowest(low[::-1], AGREE)[::-1][1:]
+    before, after = _lowest(low)[:-1], _lowest(low[::-1])[::-1][1:]
     falls = np.append(False, after - before < -0.5)
     return late | (falls & (np.abs(back) < (0.4 if noise < SHARP else 1e-9)))
 
 
-def _lowest(x: Times, count: int) -> Times:
-    return minimum_filter1d(x, count, mode="nearest", origin=(count - 1) // 2)
+def _lowest(x: Times) -> Times:
+    """Least value of each row and those before it, `AGREE` rows in all."""
+    return minimum_filter1d(x, AGREE, mode="nearest", origin=(AGREE - 1) // 2)
 
 
 def _width(noise: float, sharing: float, rows: int) -> int:
