@@ -72,7 +72,7 @@ def _lines(damaged: str, *lines: tuple[str, int]) -> list[Line]:
     return [Line(text.replace("@", damaged), damaged, cases) for text, cases in lines]
 
 
-_SENSORS, _EXCITE = "--steps 0 --duration 0.2", "--starts 1 --duration 1 --harmonics 2 -o out.csv"
+_SENSORS, _EXCITE = "--steps 1 --duration 0.2", "--starts 1 --duration 1 --harmonics 2 -o out.csv"
 LINES = [
     *_lines(
         "robot.yaml",
