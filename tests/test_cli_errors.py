@@ -10,16 +10,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
 
 from command import refused, run
-from damage import apply_damages, damages
-from deltaid.dynamics.dynamics import Dynamics
 from deltaid.errors import DeltaidError
 from deltaid.files import require_writable, written_whole
-from deltaid.model.record import FORMAT, IdentifiedModel
-from deltaid.recording.opening import open_log
-from deltaid.recording.recording import with_filter
+from deltaid.model.record import FORMAT
 from deltaid.robot.load import catalogue_text
 from descriptions import replaced
 from identified import identified
@@ -187,13 +182,6 @@ def test_models_with_impossible_numbers(folder: Path, tmp_path: Path, key, numbe
     assert "top level" not in outcome.err
 
 
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])
-def test_models_cut_off(folder: Path, tmp_path: Path, share: float) -> None:
-    whole = (folder / "model.yaml").read_bytes()
-    path = write(tmp_path / "model.yaml", whole[: int(share * len(whole))])
-    refused("torque", path, folder / "motion.csv", "-o", tmp_path / "x.csv", folder=tmp_path)
-
-
 def test_places_that_cannot_be_written(folder: Path, tmp_path: Path, monkeypatch) -> None:
     def denied(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
@@ -215,33 +203,6 @@ def test_what_a_link_leads_to_is_written(tmp_path: Path) -> None:
     with pytest.raises(DeltaidError, match="would overwrite an input"):
         require_writable(link, [path])
     assert sorted(p.name for p in tmp_path.iterdir()) == ["link.yaml", "model.yaml"]
-
-
-FEW = settings(deadline=None, suppress_health_check=list(HealthCheck), max_examples=40)
-
-
-@FEW
-@given(changes=damages())
-def test_damaged_logs(folder: Path, clavel: Dynamics, changes) -> None:
-    good = text(recorded(700)).encode()
-    path = write(folder.parent / "damaged.csv", apply_damages(good, changes))
-    try:
-        log = open_log(path, clavel.kinematics)
-        for _ in with_filter(log, 60.0).windows(clavel.kinematics):
-            pass
-    except DeltaidError as error:
-        assert str(path) in str(error)  # noqa: PT017 - both ends are right
-
-
-@settings(FEW, max_examples=15)
-@given(changes=damages())
-def test_randomly_damaged_models(folder: Path, changes) -> None:
-    path = folder.parent / "damaged-model.yaml"
-    write(path, apply_damages((folder / "model.yaml").read_bytes(), changes))
-    try:
-        assert IdentifiedModel.load(path).consistent
-    except DeltaidError as error:
-        assert str(path) in str(error)  # noqa: PT017 - both ends are right
 
 
 STREAMS = {

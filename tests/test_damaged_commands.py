@@ -11,12 +11,13 @@ import pytest
 
 from command import Outcome
 from damage import changed_bit
-from damaged_commands import LINES, Line, judged, lay_out, make_inputs, run_alone, run_line
+from damaged_commands import LINES, NAMED, Line, judged, lay_out, make_inputs, run_alone, run_line
 from deltaid.errors import DeltaidError
 from sealed_files import SEALED
 
-# Lines whose good files take no second.
-QUICK = [line for line in LINES if line.cases >= 500]
+# Lines whose good files take no second; and often a log that is filtered, and a model.
+OFTEN = ("base robot.yaml log.csv: log.csv", "validate model.yaml full.csv: model.yaml")
+QUICK = [line for line in LINES if line.cases >= 500] + 15 * [NAMED[name] for name in OFTEN]
 
 
 @pytest.fixture(scope="module")
