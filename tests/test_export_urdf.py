@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -141,27 +140,6 @@ def test_bodies_and_home(name: str) -> None:
         if limits.range:
             low, high = tree.model.lowerPositionLimit, tree.model.upperPositionLimit
             assert (low[joint.idx_q], high[joint.idx_q]) == pytest.approx(limits.range)
-
-
-@pytest.mark.parametrize("name", ["clavel-delta3", "par4"])
-def test_what_is_drawn_ends_at_joints(name: str) -> None:
-    """Cylinders of URDF stand along z about their middle: ends of arms, struts and spokes."""
-    chosen, root = subject(name), ElementTree.fromstring(urdf(subject(name)).text(".urdf"))
-    limbs = chosen.robot.limb_geometry
-    ends = {"U1": [limbs[0].upper_arm * np.eye(3)[0]], "strut2a": [limbs[1].strut * np.eye(3)[0]]}
-    ends |= {"P": [limb.attachment for limb in limbs]} if name == "clavel-delta3" else {}
-    for link, tips in ends.items():
-        drawn = []
-        for visual in root.findall(f"link[@name='{link}']/visual"):
-            if not visual.get("name", "").startswith(("arm", "limb", link)):
-                continue
-            origin, cylinder = visual.find("origin"), visual.find("geometry/cylinder")
-            rpy, xyz = (np.fromstring(origin.get(key, ""), sep=" ") for key in ("rpy", "xyz"))
-            half = 0.5 * float(cylinder.get("length", ""))
-            axis = pin.rpy.rpyToMatrix(rpy)[:, 2]
-            np.testing.assert_allclose(xyz - half * axis, 0, atol=1e-12)
-            drawn.append(xyz + half * axis)
-        np.testing.assert_allclose(drawn, tips, atol=1e-12)
 
 
 def test_roll_pitch_yaw() -> None:

@@ -250,8 +250,9 @@ def test_urdf_draws_each_strut_along_its_own_x_axis(name: str) -> None:
     for n, limb in enumerate(chosen.robot.limb_geometry, 1):
         for letter, side in (("a", 0.045), ("b", -0.045)) if limb.struts == 2 else (("", 0.0),):
             link = f"strut{n}{letter}" if letter else f"S{n}"
-            R, r = origin(visuals(root, link)[f"strut{n}{letter}"])
-            half = 0.5 * limb.strut * np.eye(3)[0]
+            drawn = visuals(root, link)[f"strut{n}{letter}"]
+            (R, r), half = origin(drawn), 0.5 * limb.strut * np.eye(3)[0]
+            assert numbers(drawn, "cylinder", "length") == pytest.approx([limb.strut])
             np.testing.assert_allclose(r, half, atol=1e-12)
             np.testing.assert_allclose(np.abs(R[:, 2]), np.eye(3)[0], atol=1e-9)
             if letter:
