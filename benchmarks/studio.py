@@ -35,7 +35,8 @@ from deltaid.motion.surrogate import SensorNoise, simulate_recording, surrogate_
 from deltaid.robot.load import load_robot
 from deltaid.studio.folder import Folder
 from deltaid.studio.runs import runs
-from studios import Studio, foreign
+from foreign_logs import foreign
+from studios import Studio
 from visit import ARGUMENTS, CHROMIUM
 
 ROBOT, LATE, TURNED = "clavel-delta3", 4, 2

@@ -14,6 +14,7 @@ from deltaid.errors import RecordingError
 from deltaid.recording.mapping import MappingProposal, load_mapping
 from deltaid.recording.proposed_mapping import Column, proposed_mapping
 from deltaid.recording.table import open_table
+from foreign_logs import GEAR, TORQUE_CONSTANT, german
 from logs import recorded
 
 HEADERS = Path(__file__).parent / "data" / "column_headers.yaml"
@@ -67,7 +68,7 @@ def wrong_units(quantity: str, unit: str, part: Any) -> list[str]:
     return [] if is_right else [f"{quantity}: {part.units} for {unit}, assumed: {part.assumed}"]
 
 
-# Headers of issues, which name positions and torques of three drives; units that they state.
+# Headers of issues and of programs, which name positions and torques of three drives; their units.
 TOLD = [
     (("Zeitstempel [ms]", "Istposition Achse # [°]", "Motorstrom Achse # [A]"), "ms deg A"),
     (("t", "Lageistwert #", "Momentenistwert #"), "s? rad? N m?"),
@@ -76,6 +77,12 @@ TOLD = [
     (("时间", "关节#角度", "关节#力矩"), "s? rad? N m?"),
     (("t", "actualPosition_A#", "actualTorque_A#"), "s? rad? N m?"),
     (("time", "Winkel# [Grad]", "Drehmoment# [Nm]"), "s? deg N m"),
+    (("time", "winkel# [rad]", "drehmoment# [mN*m]"), "s? rad mN*m"),
+    (("time", "Axis#.ActPos", "Axis#.ActTorque"), "s? rad? N m?"),
+    (("time", "q_meas_#", "tau_meas_#"), "s? rad? N m?"),
+    (("time", "J#_angle_rad", "J#_current_A"), "s? rad A"),
+    (("time", "/drives/motor#/position", "/drives/motor#/effort"), "s? rad? N m?"),
+    (("time", "actualPosition#", "actualTorque#"), "s? rad? N m?"),
 ]
 
 
@@ -271,6 +278,16 @@ def test_a_mapping_that_lacks_something_is_not_written(tmp_path: Path) -> None:
     assert load_mapping(mapping).torque[0].unit == "0.0235 N*m"
 
 
+def test_columns_tell_the_number_of_drives_where_no_robot_does(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    names = "Time [ms],Axis1.ActPos,Axis2.ActPos,Axis1.Trq,Axis2.Trq"
+    path.write_text(f"{names}\n0,90,1,2,3\n1,1,1,2,3\n")
+    found = deltaid.columns(path)
+    assert found.complete
+    assert [column.unit for column in found.mapping.position] == ["deg", "deg"]
+    assert "torque" in deltaid.columns(path, "clavel-delta3").missing  # it has three drives
+
+
 def test_motor_columns_take_gear_and_torque_constant(tmp_path: Path) -> None:
     names = ["Zeit [s]", *(f"{name} {k} [{unit}]" for name, unit in
              (("Istwinkel", "rad"), ("Motorstrom", "A")) for k in (1, 2, 3))]  # fmt: skip
@@ -285,24 +302,14 @@ def test_motor_columns_take_gear_and_torque_constant(tmp_path: Path) -> None:
     assert found.data["position"][2]["gear"] == 50
 
 
-def german(path: Path, log: pl.DataFrame) -> Path:
-    """A recording as a German controller writes it: of motors behind gears of 50, in degrees and
-    ampere; drive 2 is counted the other way in both."""
-    names = [f"Istposition Achse {k} [°]" for k in (1, 2, 3)]
-    names += [f"Motorstrom Achse {k} [A]" for k in (1, 2, 3)]
-    scales = np.array([1e3, *50 * np.rad2deg([1, -1, 1]), *np.array([1, -1, 1]) / (50 * 0.1)])
-    rows = [[f"{number:.6f}" for number in row] for row in log.to_numpy() * scales]
-    lines = [["Zeitstempel [ms]", *names], *([x.replace(".", ",") for x in row] for row in rows)]
-    path.write_bytes("\n".join(";".join(line) for line in lines).encode("cp1252"))
-    return path
-
-
 def test_from_a_foreign_log_to_feed_forward_without_a_line_of_yaml(tmp_path: Path) -> None:
-    first = german(tmp_path / "Messung1.csv", recorded(9000)[:6000])
-    second = german(tmp_path / "Messung2.csv", recorded(9000)[6000:])
+    """Drive 2 is counted the other way, and the file is in the code page of Windows."""
+    first = german(tmp_path / "Messung1.csv", recorded(9000)[:6000], turned=2)
+    first.write_text(first.read_text("utf-8"), "cp1252")
+    second = german(tmp_path / "Messung2.csv", recorded(9000)[6000:], turned=2)
     found, fixed = tmp_path / "found.yaml", tmp_path / "fixed.yaml"
     model, torques = tmp_path / "model.yaml", tmp_path / "feed-forward.csv"
-    robot, motor = "clavel-delta3", ("--gear", 50, "--torque-constant", 0.1)
+    robot, motor = "clavel-delta3", ("--gear", GEAR, "--torque-constant", TORQUE_CONSTANT)
     assert run("columns", first, robot, *motor, "-o", found).code == 0
     seen = run("check", robot, first, "--columns", found, "--write", fixed)
     assert "turn the sign of its position and torque column" in " ".join(seen.out.split())

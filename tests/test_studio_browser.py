@@ -11,8 +11,9 @@ import pytest
 from deltaid.model.model import load
 from deltaid.studio.folder import Folder
 from deltaid.studio.runs import runs
+from foreign_logs import foreign
 from logs import recorded
-from studios import Studio, Visitor, foreign, visited
+from studios import Studio, Visitor, visited
 from visit import VISITS
 
 pytestmark = VISITS

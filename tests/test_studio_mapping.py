@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import deltaid
 from deltaid.errors import DeltaidError
 from deltaid.recording.contents import read_contents
 from deltaid.recording.mapping import ColumnMapping, load_mapping
@@ -21,8 +20,8 @@ from deltaid.studio.edits import (
     written,
 )
 from deltaid.studio.look import mapping_cured, preview, signals
+from foreign_logs import foreign, german
 from logs import recorded
-from studios import foreign, german
 
 TURNING = (False, False, False)
 
@@ -31,25 +30,6 @@ def columns(*names: str, low: float = -1.0, high: float = 1.0, drives: int = 3) 
     """A time and numbered columns, drive by drive."""
     numbered = [name.replace("#", str(i + 1)) for i in range(drives) for name in names]
     return [Column("time"), *(Column(name, low=low, high=high) for name in numbered)]
-
-
-@pytest.mark.parametrize(
-    ("position", "torque", "unit"),
-    [
-        ("Axis#.ActPos", "Axis#.ActTorque", "N m"),
-        ("q_meas_#", "tau_meas_#", "N m"),
-        ("J#_angle_rad", "J#_current_A", "A"),
-        ("winkel# [rad]", "drehmoment# [mN*m]", "mN*m"),
-        ("/drives/motor#/position", "/drives/motor#/effort", "N m"),
-        ("actualPosition#", "actualTorque#", "N m"),
-    ],
-)
-def test_columns_are_found_by_their_names(position: str, torque: str, unit: str) -> None:
-    found = proposed_mapping(columns(position, torque), TURNING)
-    assert found.missing == (("torque_constant",) if unit == "A" else ())
-    for quantity, name, proposed_unit in (("position", position, "rad"), ("torque", torque, unit)):
-        names = [name.replace("#", str(i + 1)) for i in range(3)]
-        assert found.data[quantity] == [{"column": name, "unit": proposed_unit} for name in names]
 
 
 def test_what_was_asked_for_is_not_what_was_measured() -> None:
@@ -213,13 +193,3 @@ def test_time_is_a_column_with_a_unit_or_a_rate() -> None:
 def test_a_mapping_that_may_not_be_is_refused_with_its_place() -> None:
     with pytest.raises(DeltaidError, match="gear"):
         written({"position": [{"column": "a", "unit": "deg", "gear": -1.0}]}, "mapping.yaml")
-
-
-def test_columns_are_proposed_without_a_studio(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    names = "Time [ms],Axis1.ActPos,Axis2.ActPos,Axis1.Trq,Axis2.Trq"
-    path.write_text(f"{names}\n0,90,1,2,3\n1,1,1,2,3\n")
-    found = deltaid.columns(path)
-    assert found.complete
-    assert [column.unit for column in found.mapping.position] == ["deg", "deg"]
-    assert "torque" in deltaid.columns(path, "clavel-delta3").missing  # it has three drives

@@ -10,8 +10,9 @@ import pytest
 from deltaid.model.model import load
 from deltaid.studio.folder import Folder
 from deltaid.studio.runs import runs
+from foreign_logs import GEAR, TORQUE_CONSTANT, german
 from logs import recorded
-from studios import GEAR, TORQUE_CONSTANT, Visitor, german, visited
+from studios import Visitor, visited
 from visit import VISITS
 
 pytestmark = VISITS

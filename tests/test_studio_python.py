@@ -24,8 +24,8 @@ from deltaid.studio.steps import (
     show_step,
     validate_step,
 )
+from foreign_logs import foreign
 from logs import recorded
-from studios import foreign
 
 ROBOT, MOTION, MAPPING = "clavel-delta3", "at/motion.csv", "mapping.yaml"
 LOG = Used(file="log.csv", mapping=MAPPING)

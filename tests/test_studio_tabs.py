@@ -7,8 +7,9 @@ import pytest
 from playwright import sync_api
 
 from deltaid.robot.load import catalogue_text
+from foreign_logs import foreign
 from logs import recorded
-from studios import Visitor, foreign, visited
+from studios import Visitor, visited
 from visit import VISITS
 
 pytestmark = VISITS
