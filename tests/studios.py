@@ -127,6 +127,12 @@ class Visitor:
     def press(self, name: str) -> None:
         self.page.get_by_role("button", name=name, exact=True).click()
 
+    def choose(self, recording: Path) -> None:
+        """Give the page a recording from disk."""
+        with self.page.expect_file_chooser() as chooser:
+            self.press("Choose a recording")
+        chooser.value.set_files(recording)
+
     def see(self, text: str, page=None) -> None:
         (page or self.page).get_by_text(text).first.wait_for()
 

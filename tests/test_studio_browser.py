@@ -51,9 +51,7 @@ def test_from_an_empty_folder_to_an_exported_model(visitor: Visitor, place: Path
     visitor.press("Undo all")
     # Recording: dropped; a second tab sees what happens in the first one.
     visitor.go("Recording")
-    with page.expect_file_chooser() as chooser:
-        visitor.press("Choose a recording")
-    chooser.value.set_files(place / "axes.csv")
+    visitor.choose(place / "axes.csv")
     visitor.see("so degrees are assumed")
     other = visitor.tab(f"{visitor.studio.base}/recording")
     assert not (work / "mapping.yaml").exists()

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright import sync_api
 
 from deltaid.robot.load import catalogue_text
 from foreign_logs import foreign
@@ -33,12 +32,6 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def visitor(work: Path) -> Iterator[Visitor]:
     with visited(work) as found:
         yield found
-
-
-def _drop(page: sync_api.Page, path: Path) -> None:
-    with page.expect_file_chooser() as chooser:
-        page.get_by_role("button", name="Choose a recording").click()
-    chooser.value.set_files(path)
 
 
 def test_what_is_written_survives_a_reload_and_another_program(
@@ -95,7 +88,7 @@ def test_a_file_that_is_chosen_while_the_page_is_redrawn_is_taken(
         page.get_by_role("button", name="Use axes.csv").wait_for()
         (work / "axes.csv").unlink()
         page.get_by_role("button", name="Use axes.csv").wait_for(state="detached")
-        _drop(page, work.parent / "axes.csv")
+        visitor.choose(work.parent / "axes.csv")
     visitor.see("axes.csv: which column is what")
     page.get_by_role("button", name="Forget axes.csv").click()
     for name in ("axes.csv", "later.csv"):
@@ -109,7 +102,7 @@ def test_what_is_no_recording_is_refused_and_names_stay_inside(
     page = visitor.page
     visitor.go("Recording")
     (work.parent / "picture.csv").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)))
-    _drop(page, work.parent / "picture.csv")
+    visitor.choose(work.parent / "picture.csv")
     page.get_by_role("alert").get_by_text("picture.csv: holds no column of numbers").wait_for()
     field = page.locator("input[type=file]")
     data = {"name": "../../up.csv", "mimeType": "text/csv", "buffer": b"t,q1\n0,1\n1,2\n"}
@@ -124,10 +117,10 @@ def test_what_is_no_recording_is_refused_and_names_stay_inside(
 
 def test_each_recording_gets_the_mapping_that_it_needs(visitor: Visitor, work: Path) -> None:
     page = visitor.page
-    _drop(page, work.parent / "axes.csv")
+    visitor.choose(work.parent / "axes.csv")
     visitor.press("Use these, write mapping.yaml")
     visitor.see("Kept in mapping.yaml")
-    _drop(page, work.parent / "other.csv")
+    visitor.choose(work.parent / "other.csv")
     visitor.see("other.csv: which column is what")
     visitor.press("Use these, write mapping-other.yaml")
     visitor.see("Kept in mapping-other.yaml")
