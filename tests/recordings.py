@@ -9,9 +9,6 @@ import numpy as np
 
 from composed import body_parameters
 from deltaid.dynamics.parameters import parameter_layout, prior_parameters, with_prior
-from deltaid.mechanism.kinematics import Kinematics
-from deltaid.motion.random_motion import random_motion
-from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from logs import tabled, write
@@ -64,32 +61,6 @@ def stored_rows(name: str) -> list[np.ndarray]:
     """q, q̇, q̈ and τ of a robot of tests/data, by the other library."""
     rows = np.loadtxt(DATA / name / "exact.csv", delimiter=",", skiprows=1)
     return np.split(rows[:, 1:], 4, axis=1)
-
-
-def typical_robot(rng: np.random.Generator, *, telescope: bool) -> KnownRobot:
-    """A robot of the usual build: tubes along the links, whatever the reductions assume.
-
-    Sizes and masses are random; bodies are scaled from the catalogue's priors.
-    """
-    robot = load_robot(CATALOGUE["delta4" if telescope else "delta3"])
-    p, limbs = surrogate_parameters(robot, rng), robot.limbs
-    spread = dict(zip(LENGTHS, (0.05, 0.05, 0.02, 0.02), strict=True))
-    lengths = {key: getattr(limbs, key) * rng.uniform(1 - s, 1 + s) for key, s in spread.items()}
-    return KnownRobot(robot.changed(limbs=limbs.changed(**lengths)), p)
-
-
-def record(
-    known: KnownRobot, path: Path, rng: np.random.Generator, *, samples: int = 600
-) -> np.ndarray:
-    """Write a noise-free recording whose torques come from the oracle; returns z along it."""
-    kinematics = Kinematics(known.robot)
-    motion = random_motion(kinematics, rng)
-    time = np.arange(samples) * (motion.period / samples)
-    z, zd, zdd = motion.evaluate(time)
-    q, qd, qdd = kinematics.drive_motion(z, zd, zdd)
-    tau = known.oracle.inverse_dynamics(z, qd, qdd)
-    write(path, tabled(t=time, q=q, qd=qd, qdd=qdd, tau=tau))
-    return z
 
 
 # Resolution of an encoder of 18 bits behind a gear of ratio ten (rad).
