@@ -36,6 +36,11 @@ _RAMP = 0.4
 BODY, FRICTION = 0.03, 0.15
 
 
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A random number of log-uniform density."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
 def true_parameters(robot: RobotDescription, rng: np.random.Generator) -> Array:
     """p away from the prior by up to a factor of two: bodies stay consistent, M̄ = G M̄_prior G."""
     p, layout, spread = prior_parameters(robot), parameter_layout(robot), np.log(2.0)

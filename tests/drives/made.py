@@ -11,6 +11,7 @@ from drives.robots import Machine
 from drives.sensors import Sensors
 from oracle.composed import ComposedOracle
 from oracle.tree import Array
+from plants import log_uniform
 
 
 class Made(NamedTuple):
@@ -60,8 +61,3 @@ class Faults:
             drawn = log_uniform(rng, *size) if isinstance(size, tuple) else size
             made = cause(made, rng, drawn)
         return made
-
-
-def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """A random number of log-uniform density."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))

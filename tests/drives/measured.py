@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from drives.made import Made, log_uniform
+from drives.made import Made
 from drives.robots import Machine
 from drives.rows import lever, ways
 from oracle.tree import Array
+from plants import log_uniform
 
 
 def _span(m: Machine) -> Array:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from drives import drivetrain, measured, undescribed
-from drives.made import Cause, Made, log_uniform
+from drives.made import Cause, Made
+from plants import log_uniform
 
 # Causes of mixtures: name, function, bounds of the size.
 MIXED: dict[str, tuple[Cause, float, float]] = {

@@ -23,7 +23,7 @@ from deltaid.robot.inertia import inertia_parameters, pseudo_inertia
 from deltaid.robot.load import load_robot
 from drives.motions import excited
 from oracle.tree import Array
-from plants import GRID, Plant, even_pace, friction_of, oracle_of, true_parameters
+from plants import GRID, Plant, even_pace, friction_of, log_uniform, oracle_of, true_parameters
 
 # The catalogue robot of each kind; `resized` is Clavel's robot, scaled to half to twice its size.
 KINDS = {
@@ -89,8 +89,8 @@ def machine(kind: str, seed: int, poor: bool = False) -> Machine:
     """
     rng = np.random.default_rng([seed, crc32(kind.encode())])
     robot = load_robot(KINDS[kind])
-    robot = resized(robot, float(np.exp(rng.uniform(*np.log([0.5, 2.0]))))) if (
-        kind == "resized") else robot  # fmt: skip
+    if kind == "resized":
+        robot = resized(robot, log_uniform(rng, 0.5, 2.0))
     if poor:
         p = _clouds(robot, rng)
         robot = _poor_priors(robot, rng)

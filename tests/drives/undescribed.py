@@ -12,7 +12,7 @@ from drives.pulls import Balancer, BallJoints, Cable, Hose
 from drives.robots import Machine
 from drives.rows import unit
 from oracle.tree import Array, Body
-from plants import bodies_of
+from plants import bodies_of, log_uniform
 
 # Strut length of the IRB 360 class (m); standard deviation of a mass from the line of an arm (m).
 _STRUT, _ASIDE = 1.18, 0.02
@@ -77,7 +77,7 @@ def cable(made: Made, rng: np.random.Generator, size: float) -> Made:
 def ball_joints(made: Made, rng: np.random.Generator, size: float) -> Made:
     """Dry friction of the ball joints at both ends of the struts (N m at each end of a limb of the
     IRB 360 class); at the platform it is 0.7 to 1.4 times that on the arm."""
-    m, other = made.machine, float(np.exp(rng.uniform(*np.log([0.7, 1.4]))))
+    m, other = made.machine, log_uniform(rng, 0.7, 1.4)
     moment = size * unit(m) * m.robot.limbs.geometry()[0].strut / _STRUT
     pulls = (*made.happening.pulls, BallJoints(m.plant.oracle, moment, other * moment))
     return made.but(f"ball joints of {moment:.2g} and {other * moment:.2g} N m", pulls=pulls)

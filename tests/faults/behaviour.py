@@ -14,10 +14,9 @@ from faults.tools import (
     recorded,
     replanted,
     scaled,
-    spread,
 )
 from oracle.tree import Array
-from plants import Truth
+from plants import Truth, log_uniform
 
 # The body to which a load at the tool is fixed, by kind of platform.
 _HELD = {"rigid": "P", "h4": "EE", "par4": "EE", "i4": "EE"}
@@ -26,7 +25,7 @@ _HELD = {"rigid": "P", "h4": "EE", "par4": "EE", "i4": "EE"}
 @kind("friction-law", hides=True)
 def stribeck(case: Case, rng: np.random.Generator) -> Case:
     """Friction at low speed exceeds Coulomb's by 30 to 150 %."""
-    setting, share = case.setting, spread(rng, 0.3, 1.5)
+    setting, share = case.setting, log_uniform(rng, 0.3, 1.5)
     dof = len(drives(case))
     coulomb = setting.plant.friction[1]
     knee = rng.uniform(0.03, 0.2) * np.abs(setting.truth.rates).max(axis=0)
@@ -58,8 +57,8 @@ def direction(case: Case, rng: np.random.Generator) -> Case:
 @kind("geometry-or-cogging", hides=True)
 def cogging(case: Case, rng: np.random.Generator) -> Case:
     """Ripple over the position: 3 to 15 % of the largest torque, 3 to 30 waves per stroke."""
-    setting, share = case.setting, spread(rng, 0.03, 0.15)
-    waves = spread(rng, 3, 30)
+    setting, share = case.setting, log_uniform(rng, 0.03, 0.15)
+    waves = log_uniform(rng, 3, 30)
     order = 2 * np.pi * waves / np.ptp(setting.truth.q, axis=0)
     phase = rng.uniform(0, 2 * np.pi, len(order))
     scale = setting.scale
@@ -78,7 +77,7 @@ def length(case: Case, rng: np.random.Generator) -> Case:
     verdict too.
     """
     limbs = list(case.setting.plant.oracle.limbs)
-    k, share = int(rng.integers(len(limbs))), spread(rng, 0.03, 0.15) * rng.choice([-1, 1])
+    k, share = int(rng.integers(len(limbs))), log_uniform(rng, 0.03, 0.15) * rng.choice([-1, 1])
     what = str(rng.choice(["arm", "strut", "base"]))
     what = "strut" if limbs[k].arm is None and what == "arm" else what
     limbs[k] = replace(limbs[k], **{what: getattr(limbs[k], what) * (1 + share)})
@@ -89,7 +88,7 @@ def length(case: Case, rng: np.random.Generator) -> Case:
 @kind("drift", hides=True)
 def warm_up(case: Case, rng: np.random.Generator) -> Case:
     """Friction is 20 to 100 % higher at first, and falls with a time constant."""
-    setting, share = case.setting, spread(rng, 0.2, 1.0)
+    setting, share = case.setting, log_uniform(rng, 0.2, 1.0)
     constant = rng.uniform(0.15, 0.5) * setting.duration
 
     def extra(truth: Truth) -> Array:
@@ -128,7 +127,7 @@ def load_change(case: Case, rng: np.random.Generator) -> Case:
 @kind("drive-gain", hides=True)
 def drive_gain(case: Case, rng: np.random.Generator) -> Case:
     """One drive's torque is scaled wrongly by 5 to 30 %."""
-    drive, share = random_drive(case, rng), spread(rng, 0.05, 0.3) * rng.choice([-1, 1])
+    drive, share = random_drive(case, rng), log_uniform(rng, 0.05, 0.3) * rng.choice([-1, 1])
     columns = scaled(case, "tau", only(case, drive, 1 + share))
     name = drives(case)[drive]
     return replace(case, columns=columns, size=f"{share:+.1%} of {name}", subject=name)

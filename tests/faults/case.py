@@ -12,7 +12,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from logs import tabled
 from oracle.tree import Array
-from plants import Plant, Truth, even_pace, random_plant
+from plants import Plant, Truth, even_pace, log_uniform, random_plant
 from support import KINDS
 
 RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
@@ -135,11 +135,10 @@ class Case:
 def clean(seed: int, robot: str | None = None) -> Case:
     """A recording without faults, of a random catalogue robot or of a given one."""
     rng = np.random.default_rng([seed, 0])
-    names = KINDS
-    name = names[int(rng.integers(len(names)))]
+    name = KINDS[int(rng.integers(len(KINDS)))]
     described = load_robot(robot or name)
     harmonics = int(rng.integers(4, 9))
-    period = harmonics * np.exp(rng.uniform(np.log(0.45), np.log(1.2)))
+    period = harmonics * log_uniform(rng, 0.45, 1.2)
     plant = random_plant(described, rng, period, harmonics, rng.uniform(0.7, 1.0))
     duration = max(rng.uniform(8, 25), 1.3 * period)
     ends = rng.uniform(0, 0.5, 2) * (rng.uniform(size=2) < 0.5)
@@ -147,7 +146,7 @@ def clean(seed: int, robot: str | None = None) -> Case:
     rest += ((duration - ends[1], duration + 1.0),) if ends[1] > 0 else ()
     linear = np.array([described.is_linear(drive) for drive in described.drives])
     counts = 2.0 ** rng.integers(14, 23)
-    turn = 2 * np.pi / np.exp(rng.uniform(0, np.log(100)))
+    turn = 2 * np.pi / log_uniform(rng, 1, 100)
     lead = rng.uniform(0.01, 0.06)
     setting = Setting(
         plant=plant,
@@ -157,7 +156,7 @@ def clean(seed: int, robot: str | None = None) -> Case:
         rate=float(rng.choice(RATES)),
         rest=rest,
         step=np.where(linear, lead, turn) / counts,
-        noise=float(np.exp(rng.uniform(np.log(0.003), np.log(0.03)))),
+        noise=log_uniform(rng, 0.003, 0.03),
         velocity=bool(rng.uniform() < 0.4),
         seed=seed,
     )

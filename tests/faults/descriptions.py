@@ -10,7 +10,8 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.robot.load import catalogue_text, load_robot
 from faults.case import Case
-from faults.tools import ImpossibleError, drives, kind, random_drive, rotary, spread
+from faults.tools import ImpossibleError, drives, kind, random_drive, rotary
+from plants import log_uniform
 
 _LENGTHS = ("base_radius", "platform_radius", "upper_arm", "strut", "base_points",
             "platform_points")  # fmt: skip
@@ -83,7 +84,7 @@ def prior_scale(case: Case, rng: np.random.Generator) -> Case:
     every, factor = rng.uniform() < 0.5, 1e3
     names = list(data["bodies"])
     if not every:
-        names, factor = [str(rng.choice(names))], spread(rng, 50, 1000)
+        names, factor = [str(rng.choice(names))], log_uniform(rng, 50, 1000)
     for name in names:
         for shape in data["bodies"][name]["prior"]:
             shape["mass"] *= factor

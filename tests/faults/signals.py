@@ -8,7 +8,8 @@ from scipy.signal import lfilter
 from deltaid.errors import KinematicsError
 from deltaid.mechanism.kinematics import Kinematics
 from faults.case import Case
-from faults.tools import ImpossibleError, drives, kind, random_drive, recorded, some, spread
+from faults.tools import ImpossibleError, drives, kind, random_drive, recorded, some
+from plants import log_uniform
 
 
 @kind("rate", related=("clock", "torque-noise"))
@@ -26,7 +27,7 @@ def rate(case: Case, rng: np.random.Generator) -> Case:
 @kind("encoder-step")
 def encoder_step(case: Case, rng: np.random.Generator) -> Case:
     """A stroke has only 15 to 150 encoder steps."""
-    counts = spread(rng, 15, 150)
+    counts = log_uniform(rng, 15, 150)
     step = np.ptp(case.setting.truth.q, axis=0) / counts
     return replace(recorded(case, step=step, velocity=False), size=f"{counts:.0f} steps")
 
@@ -34,7 +35,7 @@ def encoder_step(case: Case, rng: np.random.Generator) -> Case:
 @kind("clock")
 def clock_jitter(case: Case, rng: np.random.Generator) -> Case:
     """Rows or their stamps deviate by 5 to 40 % of a step from an even clock."""
-    setting, share = case.setting, spread(rng, 0.05, 0.4)
+    setting, share = case.setting, log_uniform(rng, 0.05, 0.4)
     late = share / setting.rate * rng.uniform(-1, 1, len(setting.time))
     words = "stamps"
     if rng.uniform() < 0.5:  # the stamps are right
@@ -46,7 +47,7 @@ def clock_jitter(case: Case, rng: np.random.Generator) -> Case:
 @kind("clock")
 def clock_lost(case: Case, rng: np.random.Generator) -> Case:
     """Single rows or short runs are lost, 0.05 to 2 % in all."""
-    share, rows = spread(rng, 5e-4, 0.02), len(case.columns["t"])
+    share, rows = log_uniform(rng, 5e-4, 0.02), len(case.columns["t"])
     run = int(rng.integers(1, 6))
     starts = rng.integers(1, rows - run - 1, max(2, round(share * rows / run)))
     lost = np.unique(starts[:, None] + np.arange(run))
@@ -60,7 +61,7 @@ def clock_gaps(case: Case, rng: np.random.Generator) -> Case:
     t, count = case.columns["t"], int(rng.integers(1, 5))
     keep = np.ones(len(t), bool)
     for _ in range(count):
-        start, length = rng.uniform(0.1, 0.85) * t[-1], spread(rng, 0.05, 0.8)
+        start, length = rng.uniform(0.1, 0.85) * t[-1], log_uniform(rng, 0.05, 0.8)
         keep &= (t < start) | (t > start + length)
     columns = {name: x[keep] for name, x in case.columns.items()}
     return replace(case, columns=columns, size=f"{count} gaps, {np.sum(~keep)} rows")
@@ -70,7 +71,7 @@ def clock_gaps(case: Case, rng: np.random.Generator) -> Case:
 def clock_doubled(case: Case, rng: np.random.Generator) -> Case:
     """Rows are repeated with the same stamp, or with the next one."""
     rows = len(case.columns["t"])
-    share = spread(rng, 5e-4, 0.02)
+    share = log_uniform(rng, 5e-4, 0.02)
     again = np.sort(rng.choice(rows - 2, max(2, round(share * rows)), replace=False)) + 1
     columns = {name: np.insert(x, again, x[again], axis=0) for name, x in case.columns.items()}
     return replace(case, columns=columns, size=f"{len(again)} of {rows} rows")
@@ -93,14 +94,14 @@ def saturation(case: Case, rng: np.random.Generator) -> Case:
 @kind("torque-noise")
 def torque_noise(case: Case, rng: np.random.Generator) -> Case:
     """Noise of 10 to 40 % of the largest torque."""
-    noise = spread(rng, 0.10, 0.40)
+    noise = log_uniform(rng, 0.10, 0.40)
     return replace(recorded(case, noise=noise), size=f"{noise:.0%}")
 
 
 @kind("torque-step")
 def torque_step(case: Case, rng: np.random.Generator) -> Case:
     """Torques in steps of 6 to 30 % of the largest, larger than the drive's noise."""
-    share = spread(rng, 0.06, 0.3)
+    share = log_uniform(rng, 0.06, 0.3)
     case = recorded(case, noise=min(case.setting.noise, share / 8))
     step = share * case.setting.scale
     columns = dict(case.columns) | {"tau": step * np.round(case.columns["tau"] / step)}
@@ -110,8 +111,11 @@ def torque_step(case: Case, rng: np.random.Generator) -> Case:
 @kind("resonance", related=("torque-noise",))
 def resonance(case: Case, rng: np.random.Generator) -> Case:
     """A resonance at 12 to 60 Hz with 3 to 15 % of the largest torque."""
-    setting, sharpness = case.setting, spread(rng, 15, 80)
-    frequency, share = spread(rng, 12, min(60, 0.3 * setting.rate)), spread(rng, 0.03, 0.15)
+    setting, sharpness = case.setting, log_uniform(rng, 15, 80)
+    frequency, share = (
+        log_uniform(rng, 12, min(60, 0.3 * setting.rate)),
+        log_uniform(rng, 0.03, 0.15),
+    )
     turn = 2 * np.pi * frequency / setting.rate
     pole = np.exp(-turn / (2 * sharpness))
     shape = [1, -2 * pole * np.cos(turn), pole**2]
@@ -124,7 +128,7 @@ def resonance(case: Case, rng: np.random.Generator) -> Case:
 @kind("torque-lag", hides=True)
 def torque_lag(case: Case, rng: np.random.Generator) -> Case:
     """All torques lag or lead the positions by 0.3 to 8 ms."""
-    setting, late = case.setting, spread(rng, 0.3e-3, 8e-3)
+    setting, late = case.setting, log_uniform(rng, 0.3e-3, 8e-3)
     late = late if rng.uniform() < 0.7 else -late
     behind = setting.truth_at(setting.time - late).tau - setting.truth.tau
     columns = dict(case.columns) | {"tau": case.columns["tau"] + behind}
@@ -147,7 +151,7 @@ def standing(case: Case, rng: np.random.Generator) -> Case:
 @kind("excitation", "base-parameters", related=("excitation", "base-parameters"))
 def slow(case: Case, rng: np.random.Generator) -> Case:
     """The motion is 10 to 25 times too slow to identify inertia."""
-    factor = spread(rng, 10, 25)
+    factor = log_uniform(rng, 10, 25)
     period = factor * case.setting.period
     spoilt = recorded(case, period=period, duration=min(1.2 * period, 60.0))
     return replace(spoilt, size=f"{factor:.3g} times")

@@ -54,11 +54,6 @@ def random_drive(case: Case, rng: np.random.Generator) -> int:
     return int(rng.integers(len(drives(case))))
 
 
-def spread(rng: np.random.Generator, low: float, high: float) -> float:
-    """A random number between two, log-uniform."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
 def scaled(case: Case, name: str, factors: Array | float) -> dict[str, Array]:
     """The columns with one quantity times a factor for each drive."""
     return dict(case.columns) | {name: case.columns[name] * factors}

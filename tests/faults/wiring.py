@@ -16,9 +16,9 @@ from faults.tools import (
     rotary,
     scaled,
     some,
-    spread,
     with_velocity,
 )
+from plants import log_uniform
 
 
 @kind("angle-unit", related=("velocity", "velocity-unit"))
@@ -53,7 +53,7 @@ def torque_unit(case: Case, rng: np.random.Generator) -> Case:
 @kind("gear", related=("angle-unit", "torque-unit"))
 def gear(case: Case, rng: np.random.Generator) -> Case:
     """Angles are the motor's, with a gear that the mapping lacks; torques are of either side."""
-    ratio = spread(rng, 5, 100)
+    ratio = log_uniform(rng, 5, 100)
     ratio = 30.0 if 40 < ratio < 80 else ratio  # not near 57.3, the factor of degrees
     factor = np.where(rotary(case), ratio, 2 * np.pi / rng.uniform(0.01, 0.06))
     columns = scaled(case, "q", factor)
@@ -69,14 +69,14 @@ def gear(case: Case, rng: np.random.Generator) -> Case:
 @kind("gear", "torque-unit")
 def motor_torque(case: Case, rng: np.random.Generator) -> Case:
     """Torques are the motor's, angles the joint's."""
-    factor = np.where(rotary(case), spread(rng, 8, 100), 2 * np.pi / rng.uniform(0.01, 0.06))
+    factor = np.where(rotary(case), log_uniform(rng, 8, 100), 2 * np.pi / rng.uniform(0.01, 0.06))
     return replace(case, columns=scaled(case, "tau", 1 / factor), size=f"1 / {factor.max():.3g}")
 
 
 @kind("time-unit", related=("rate", "velocity", "velocity-unit"))
 def time_unit(case: Case, rng: np.random.Generator) -> Case:
     """Time is 2 to 20 times too long or too short, as in another unit or cycle."""
-    factor = spread(rng, 2, 20) ** rng.choice([-1, 1])
+    factor = log_uniform(rng, 2, 20) ** rng.choice([-1, 1])
     columns = dict(case.columns) | {"t": factor * case.columns["t"]}
     return replace(case, columns=columns, size=f"{factor:.3g}")
 
@@ -128,7 +128,7 @@ def drive_order(case: Case, rng: np.random.Generator) -> Case:
 def homing(case: Case, rng: np.random.Generator) -> Case:
     """One drive's zero is wrong, by 3 to 50 mrad or 1 to 20 mm."""
     drive = random_drive(case, rng)
-    size = spread(rng, 3e-3, 50e-3) if rotary(case)[drive] else spread(rng, 1e-3, 20e-3)
+    size = log_uniform(rng, 3e-3, 50e-3) if rotary(case)[drive] else log_uniform(rng, 1e-3, 20e-3)
     offset = only(case, drive, 1.0 + size * rng.choice([-1, 1])) - 1.0
     columns = dict(case.columns) | {"q": case.columns["q"] + offset}
     name = drives(case)[drive]
@@ -138,7 +138,7 @@ def homing(case: Case, rng: np.random.Generator) -> Case:
 @kind("homing-or-tilt", hides=True)
 def tilt(case: Case, rng: np.random.Generator) -> Case:
     """The base is tilted by 2 to 30 mrad."""
-    angle, way = spread(rng, 2e-3, 30e-3), rng.uniform(0, 2 * np.pi)
+    angle, way = log_uniform(rng, 2e-3, 30e-3), rng.uniform(0, 2 * np.pi)
     direction = np.array([np.sin(angle) * np.cos(way), np.sin(angle) * np.sin(way), -np.cos(angle)])
     size = float(np.linalg.norm(case.setting.plant.oracle.gravity))
     spoilt = replanted(case, gravity=size * direction)
@@ -169,7 +169,7 @@ def velocity_order(case: Case, rng: np.random.Generator) -> Case:
 def velocity_lag(case: Case, rng: np.random.Generator) -> Case:
     """Recorded velocities lag by 1 to 5 ms."""
     case = with_velocity(case)
-    late = spread(rng, 1e-3, 5e-3)
+    late = log_uniform(rng, 1e-3, 5e-3)
     setting = case.setting
     behind = setting.truth_at(setting.time - late).qd - setting.truth.qd
     columns = dict(case.columns) | {"qd": case.columns["qd"] + behind}
