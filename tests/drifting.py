@@ -78,14 +78,14 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
     return FactorFile(changed, moved(file.whole), moved(file.groups), geometry, name)
 
 
-def write_months(folder: Path, count: int = 42, every: int = 2) -> None:
+def write_months(folder: Path, count: int) -> None:
     """Files of a robot, whose second drive rises by 5 % a month from day 36 on; recorded every
-    other day
+    other day.
 
     From day 20 on it has another gripper.
     """
     rng = np.random.default_rng(3)
-    at = every * np.arange(count)
+    at = 2 * np.arange(count)
     warm = 24 + 4 * np.sin(at / 25) + 2 * rng.standard_normal(count)
     scatter = 0.007 * rng.standard_normal((count, 3))
 
@@ -100,7 +100,7 @@ def write_months(folder: Path, count: int = 42, every: int = 2) -> None:
 
     with TemporaryDirectory() as logs:
         file = one_recording(Path(logs))
-    for k, recorded in enumerate(days(file, count, share, held=held, every=every)):
+    for k, recorded in enumerate(days(file, count, share, held=held, every=2)):
         T = float(warm[k])
         record = recorded.file.record
         fields: dict[str, Any] = dict(record) | {"temperature": Temperature(mean=T, low=T, high=T)}

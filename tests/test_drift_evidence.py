@@ -208,11 +208,11 @@ def test_without_temperature_a_season_is_no_drift_and_that_is_said() -> None:
     )
 
 
-def _few(change: np.ndarray, known: bool, seed: int, apart: float = 7.0, drives: int = 3):
+def _few(change: np.ndarray, known: bool, seed: int, apart: float = 7.0):
     """So many recordings, scattering by 0.7 %, with temperature or without."""
     rng, n = np.random.default_rng(seed), len(change)
     days, T = apart * np.arange(n), 25.0 + 2.0 * rng.standard_normal((1, n))
-    y = 0.7 * rng.standard_normal((1, drives, n)) - 0.9 * known * (T[:, None] - 25.0)
+    y = 0.7 * rng.standard_normal((1, 3, n)) - 0.9 * known * (T[:, None] - 25.0)
     y[0, 0] += 100.0 * np.log1p(change)
     return _looked(days, T, y, n, known)
 

@@ -12,7 +12,7 @@ from oracle.tree import Array
 _EVERY, _SEEN, _STEP = 5, 1e-9, 1e-4
 
 
-def noise_limit(case: Case, draws: int = 100) -> tuple[float, float, float]:
+def noise_limit(case: Case) -> tuple[float, float, float]:
     """Errors of M, friction and its shape that noise alone does not exceed in 90 % of recordings.
 
     Those of the best unbiased estimate, with the Cramér–Rao covariance along the motion. The terms
@@ -41,7 +41,7 @@ def noise_limit(case: Case, draws: int = 100) -> tuple[float, float, float]:
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     seen = values > _SEEN * values[-1]
     rng = np.random.default_rng(0)
-    chance = rng.standard_normal((draws, seen.sum())) / np.sqrt(values[seen])
+    chance = rng.standard_normal((100, seen.sum())) / np.sqrt(values[seen])
     off = chance @ vectors[:, seen].T * scale
     q = dynamics.kinematics.inverse(machine.poses)
     true = dynamics.mass_matrix(q, p)

@@ -45,7 +45,7 @@ class Body:
 
 
 def random_body(
-    rng: np.random.Generator, mass: float = 1.0, size: float = 0.3, centre: ArrayLike = (0, 0, 0)
+    rng: np.random.Generator, mass: float, size: float, centre: ArrayLike = (0, 0, 0)
 ) -> Body:
     """A body of eight random point masses: ten generic, physically consistent parameters."""
     points = np.asarray(centre, float) + size * rng.uniform(-1, 1, (8, 3))
