@@ -27,6 +27,7 @@ from deltaid.online.replay import Replay, open_replay
 from deltaid.online.settings import OnlineSettings
 from deltaid.online.watch import Watched, watch
 from deltaid.robot.load import load_robot
+from support import along
 
 ROBOT, PAYLOAD, NOISE = "clavel-delta3", 1.0, 0.02
 PICKS, EVERY, HELD = 40, 1.0, 0.5
@@ -108,9 +109,7 @@ def line(seed: int) -> Line:
     )  # fmt: skip
     model = load(identify(robot, known, settings=Settings(friction="described"), force=True))
     time = np.arange(round(PICKS * EVERY * RATE)) / RATE
-    motion = random_motion(dynamics.kinematics, rng, period=7.3)
-    z, zd, zdd = motion.evaluate(time)
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, rng, time, period=7.3)
     tau, plant = dynamics.torque(z, qd, qdd, p), Model(robot, p, ROBOT)
     noise = NOISE * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
     held, blows, loads = np.zeros(len(time), dtype=bool), np.zeros_like(tau), list[np.ndarray]()

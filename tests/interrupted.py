@@ -24,6 +24,7 @@ from deltaid.recording.opening import open_log
 from deltaid.recording.time.clock import Clock
 from deltaid.robot.load import load_robot
 from logs import tabled, write
+from support import largest_mass_error
 
 
 @dataclass(frozen=True)
@@ -142,9 +143,7 @@ def mass_error(recording: Interrupted, p: np.ndarray) -> float:
     """Largest |ΔM_ij| / √(M_ii M_jj) along the motion."""
     z = recording.z[:: max(1, len(recording.z) // 40)]
     q = recording.dynamics.kinematics.inverse(z)
-    found, true = (recording.dynamics.terms(q, np.zeros_like(q), x).M for x in (p, recording.truth))
-    scale = np.sqrt(np.einsum("sii,sjj->sij", true, true))
-    return float((np.abs(found - true) / scale).max())
+    return largest_mass_error(*(recording.dynamics.mass_matrix(q, x) for x in (p, recording.truth)))
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from deltaid.motion.surrogate import Motion, SensorNoise, simulate_recording
 from deltaid.robot.body import ExplicitInertia
 from deltaid.robot.description import RobotDescription
 from deltaid.robot.inertia import PSEUDO_INERTIA_ENTRIES, inertia_parameters, pseudo_inertia
+from support import largest_mass_error
 
 # Nothing but the fit itself, and the labels of its parameters.
 PLAIN = Settings(friction="described", lag="none", compliance="none", effects="none", events=False)
@@ -116,9 +117,7 @@ def outcome(
 def mass_error(dynamics: Dynamics, z: np.ndarray, truth: np.ndarray, p: np.ndarray) -> float:
     """Largest |ΔM_ij| / √(M_ii M_jj) at some poses."""
     q = dynamics.kinematics.inverse(z)
-    true, own = dynamics.mass_matrix(q, truth), dynamics.mass_matrix(q, p)
-    size = np.sqrt(np.einsum("nii->ni", true))
-    return float(np.max(np.abs(own - true) / (size[:, :, None] * size[:, None, :])))
+    return largest_mass_error(dynamics.mass_matrix(q, p), dynamics.mass_matrix(q, truth))
 
 
 def _signed(rng: np.random.Generator, low: float, high: float, n: int) -> np.ndarray:

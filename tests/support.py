@@ -53,6 +53,11 @@ def assert_close(actual: np.ndarray, expected: np.ndarray, share: float) -> None
     np.testing.assert_allclose(actual, expected, rtol=0, atol=share * np.abs(expected).max())
 
 
+def largest_mass_error(M: np.ndarray, true: np.ndarray) -> float:
+    """Largest |ΔM_ij| / √(M_ii M_jj) of mass matrices, (states, drives, drives)."""
+    return float(np.max(np.abs(M - true) / np.sqrt(np.einsum("sii,sjj->sij", true, true))))
+
+
 def assert_torques(
     robot: RobotDescription, truth: Truth, p: np.ndarray, since: float = -np.inf
 ) -> None:

@@ -24,7 +24,6 @@ from deltaid.identification.setup import REFUTED, ContestOutcome, Setup
 from deltaid.identification.sources import model_filtered
 from deltaid.identification.study import Study
 from deltaid.model.record import Settings
-from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping
@@ -35,6 +34,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from identified import simulated
 from logs import tabled
+from support import along, largest_mass_error
 
 RATE = 1000.0
 STIFFNESS = np.array([4e3, 6e3, 5e3])
@@ -51,10 +51,8 @@ def wound(
     """
     dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(6)
     p = surrogate_parameters(dynamics.robot, rng)
-    motion = random_motion(dynamics.kinematics, rng, period=3.7, harmonics=7)
     time = np.arange(-500, 8500) / RATE
-    z, zd, zdd = motion.evaluate(time)
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, rng, time, period=3.7, harmonics=7)
     held, loaded = np.where(time < 4, 0.0, 1.0), p.copy()
     loaded[dynamics.layout.names.index("P.m")] += load
     more = held[:, None] * (dynamics.carried(z, qd, qdd, loaded) - dynamics.carried(z, qd, qdd, p))
@@ -100,9 +98,7 @@ def test_stretches_too_short_for_the_gears_filter_give_no_compliance() -> None:
 def mass_error(dynamics: Dynamics, p: np.ndarray, true: np.ndarray) -> float:
     z = dynamics.kinematics.home + 0.1 * np.random.default_rng(1).uniform(-1, 1, (20, 3))
     q = dynamics.kinematics.inverse(z)
-    M = dynamics.mass_matrix(q, true)
-    size = np.sqrt(np.einsum("nii,njj->nij", M, M))
-    return float(np.abs((dynamics.mass_matrix(q, p) - M) / size).max())
+    return largest_mass_error(dynamics.mass_matrix(q, p), dynamics.mass_matrix(q, true))
 
 
 def gears(p: np.ndarray, dynamics: Dynamics) -> Gears:

@@ -20,6 +20,7 @@ from deltaid.recording.recording import with_filter
 from deltaid.recording.spectrum import apply, spectrum_of
 from deltaid.robot.load import load_robot
 from logs import names, tabled
+from support import along, largest_mass_error
 
 RATE = 500.0
 
@@ -102,10 +103,8 @@ def with_play() -> tuple[Dynamics, np.ndarray, pl.DataFrame]:
     """Motors that turn by 0.05° more where the torque behind their gears changes its sign."""
     dynamics, rng = compiled(load_robot("clavel-delta3")), np.random.default_rng(4)
     p = surrogate_parameters(dynamics.robot, rng)
-    motion = random_motion(dynamics.kinematics, rng, period=4.0, harmonics=8)
     time = np.arange(8000) / 1000.0
-    z, zd, zdd = motion.evaluate(time)
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, rng, time, period=4.0, harmonics=8)
     link = dynamics.inverse_dynamics(q, 0 * qd, qdd, p)
     noise = [0.005 * rng.standard_normal(q.shape), 1e-6 * rng.standard_normal(q.shape)]
     tau = dynamics.torque(z, qd, qdd, p)
@@ -126,9 +125,8 @@ def test_play_in_gears_bends_no_parameters() -> None:
     z = dynamics.kinematics.home + 0.1 * np.random.default_rng(1).uniform(-1, 1, (20, 3))
     q = dynamics.kinematics.inverse(z)
     true = dynamics.mass_matrix(q, p)
-    size = np.sqrt(np.einsum("nii,njj->nij", true, true))
     chosen, open_wide = (
-        float(np.abs((dynamics.mass_matrix(q, fitted(cutoff).model.p) - true) / size).max())
+        largest_mass_error(dynamics.mass_matrix(q, fitted(cutoff).model.p), true)
         for cutoff in (None, 80.0)
     )
     assert chosen < 0.004

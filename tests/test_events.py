@@ -22,6 +22,7 @@ from deltaid.robot.load import load_robot
 from deltaid.view.corrections import event_table
 from faults.case import Setting
 from pushes import Force, moving, places, recorded, spans_left_out, torques
+from support import largest_mass_error
 from sweeps import swept
 
 CLAVEL, IRB, LINEAR = "clavel-delta3", "irb360-6-1600", "linear-delta"
@@ -42,9 +43,8 @@ ONE_AFTER_ANOTHER = (2.0, 3.0, 4.5, 5.5, 7.0, 8.2)
 def mass_error(result: Identification, setting: Setting) -> float:
     """Largest error of M over some poses, as a share of the diagonal, and the true one."""
     q = setting.truth.q[:: len(setting.truth.q) // 20]
-    M, true = (result.problem.dynamics.mass_matrix(q, p) for p in (result.model.p, setting.plant.p))
-    size = np.sqrt(np.einsum("nii,njj->nij", true, true))
-    return float(np.abs((M - true) / size).max())
+    parameters = result.model.p, setting.plant.p
+    return largest_mass_error(*(result.problem.dynamics.mass_matrix(q, p) for p in parameters))
 
 
 # Contacts

@@ -17,7 +17,6 @@ from deltaid.joint_forces.ranges import Determinacy, ForceEvidence, Ranges, evid
 from deltaid.joint_forces.unknowns import unknowns
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel
-from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import (
     surrogate_parameters,
     write_recording,
@@ -26,6 +25,7 @@ from deltaid.robot.inertia import consistency
 from deltaid.robot.load import load_robot
 from identified import simulated
 from poor_priors import PLAIN
+from support import along
 
 SPREAD = 0.5  # default of a prior's relative standard deviation
 
@@ -60,8 +60,7 @@ def identified_job(folder: Path, noise: float | None) -> Job:
     write_recording(recording, folder / "log.csv")
     model = identify(robot, [folder / "log.csv"], settings=PLAIN).model
     forces = ConstraintForces(robot)
-    z, zd, zdd = random_motion(kinematics, rng).evaluate(np.linspace(0, 9, 6))
-    _, qd, qdd = kinematics.drive_motion(z, zd, zdd)
+    z, _, qd, qdd = along(kinematics, rng, np.linspace(0, 9, 6))
     qd[0] = qdd[0] = 0.0  # the first one at rest
     found, known = evidence(model, [folder / "log.csv"])
     return Job(truth, model, forces, found, known, forces.coefficients(z, qd, qdd))

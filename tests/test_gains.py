@@ -21,7 +21,6 @@ from deltaid.identification.setup import Setup
 from deltaid.model.corrections import Correction
 from deltaid.model.model import load
 from deltaid.model.record import Settings
-from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.recording import PreparedRecording, open_recordings
 from deltaid.recording.repairs import LeftSpan, Repairs
@@ -29,6 +28,7 @@ from deltaid.recording.windows import SampleBlock
 from deltaid.robot.load import load_robot
 from deltaid.robot.parameter import PriorParameter
 from logs import tabled
+from support import along
 from sweeps import swept
 
 RATE, DURATION, NOISE, MASS = 500.0, 16.0, 0.02, 1.0
@@ -85,8 +85,7 @@ def table(
     p = p.copy()
     p[dynamics.layout.names.index("P.m")] += load
     rng, t = np.random.default_rng(seed), np.arange(round(duration * RATE)) / RATE
-    motion = random_motion(dynamics.kinematics, rng, period=3.917)
-    q, qd, qdd = dynamics.kinematics.drive_motion(*motion.evaluate(t))
+    _, q, qd, qdd = along(dynamics.kinematics, rng, t, period=3.917)
     tau = dynamics.inverse_dynamics(q, qd, qdd, p) / gain
     tau += noise * np.abs(tau).max(axis=0) * rng.standard_normal(tau.shape)
     tau[:, 1] += hum * np.sin(HUM * t)

@@ -18,6 +18,7 @@ from deltaid.robot.load import load_robot
 from deltaid.view.model_tables import parameter_table, value_and_width
 from identified import simulated
 from poor_priors import PLAIN, Outcome, outcome
+from support import along
 
 ROBOT = "irb360-6-1600"
 
@@ -80,8 +81,7 @@ def at_the_ends(p: np.ndarray) -> dict[str, tuple[np.ndarray, ...]]:
 def test_intervals_hold_all_robots_with_the_same_torques(case) -> None:
     result, p = case
     dynamics, rng = compiled(load_robot(ROBOT)), np.random.default_rng(3)
-    z, zd, zdd = random_motion(dynamics.kinematics, rng).evaluate(np.linspace(0, 10, 50))
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, _, qd, qdd = along(dynamics.kinematics, rng, np.linspace(0, 10, 50))
     tau = dynamics.torque(z, qd, qdd, p)
     for name, others in at_the_ends(p).items():
         for other in others:

@@ -20,7 +20,6 @@ from deltaid.identification.setup import Setup
 from deltaid.model.model import load
 from deltaid.model.record import IdentifiedModel, Settings
 from deltaid.model.verdict import Grade
-from deltaid.motion.random_motion import random_motion
 from deltaid.motion.surrogate import surrogate_parameters
 from deltaid.recording.carried import Load
 from deltaid.recording.mapping import ColumnMapping
@@ -29,6 +28,7 @@ from deltaid.robot.body import InertiaTensor
 from deltaid.robot.inertia import consistency
 from deltaid.robot.load import load_robot
 from logs import tabled
+from support import along, largest_mass_error
 from sweeps import swept
 
 RATE, DURATION, NOISE = 250.0, 10.0, 0.005
@@ -61,8 +61,7 @@ def table(
     """A recording that holds the load in cycles, always or never, and says so in a column."""
     dynamics, p = robot(name)
     rng, t = np.random.default_rng(seed), np.arange(round(DURATION * RATE)) / RATE
-    motion = random_motion(dynamics.kinematics, rng, period=3.917)
-    q, qd, qdd = dynamics.kinematics.drive_motion(*motion.evaluate(t))
+    _, q, qd, qdd = along(dynamics.kinematics, rng, t, period=3.917)
     with_load = p.copy()
     with_load[dynamics.layout.body(dynamics.robot.load_carrier)] += body()
     state = {"cycles": np.sin(2 * np.pi * t / 1.37) > 0.2, "always": t >= 0, "never": t < 0}[held]
@@ -78,9 +77,7 @@ def mass_error(model: IdentifiedModel, name: str = "irb360-6-1600") -> float:
     random motion hardly tells the tool's."""
     dynamics, p = robot(name)
     home = dynamics.kinematics.inverse(dynamics.kinematics.home[None])
-    M, true = (dynamics.mass_matrix(home, x)[0] for x in (model.p, p))
-    size = np.sqrt(np.diag(true))
-    return float(np.abs((M - true) / np.outer(size, size))[:3, :3].max())
+    return largest_mass_error(*(dynamics.mass_matrix(home, x)[:, :3, :3] for x in (model.p, p)))
 
 
 @cache

@@ -12,7 +12,6 @@ import deltaid
 from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import stated_spreads
 from deltaid.model.model import load
-from deltaid.motion.random_motion import random_motion
 from deltaid.online.cycle import of_speeds
 from deltaid.online.kalman import Estimate, States
 from deltaid.online.momentum import Lowpass, build_momentum
@@ -20,6 +19,7 @@ from deltaid.online.settings import OnlineKnowledge, OnlineSettings, knowledge
 from deltaid.robot.load import load_robot
 from picking import picked
 from shuttling import ENCODER, RATE, shuttle
+from support import along
 
 PRIOR = np.array([1.0, 0.0, 1.0, 4.0])
 MEANS, WANDERS = np.array([0.7, -0.2, 1.5, -3.0]), np.array([0.0, 1.0, 0.0, 1.0])
@@ -117,9 +117,7 @@ def test_directions_and_what_they_leave_are_all_that_a_model_may_be_off_by(
     """Variances of torques along a typical motion by the prior's spreads, without friction, are
     those by the directions and, on the mean, what is taken for torque that the model has not."""
     model = load("irb360-6-1600")
-    motion = random_motion(model.dynamics.kinematics, np.random.default_rng(0))
-    pose = motion.evaluate(np.linspace(0.0, motion.period, 1000, endpoint=False))
-    q, qd, qdd = model.dynamics.kinematics.drive_motion(*pose)
+    _, q, qd, qdd = along(model.dynamics.kinematics, np.random.default_rng(0), 1000)
     Y = model.dynamics.regressor(q, qd, qdd, np.zeros_like(q))
     spreads = stated_spreads(model.robot)
     spread = np.array([spreads.get(p.name, model.prior_spread) * p.scale
@@ -147,7 +145,7 @@ def test_loads_are_up_to_three_times_as_heavy_as_what_carries_them() -> None:
 CORNER = 80.0
 
 
-def along(name: str, rate: float, load: np.ndarray) -> np.ndarray:
+def residuals(name: str, rate: float, load: np.ndarray) -> np.ndarray:
     """The largest residual with a load, and what is left of it without the load's columns."""
     dynamics = compiled(load_robot(name))
     rest = dict.fromkeys(dynamics.robot.friction_joints, 1e-6)
@@ -156,9 +154,8 @@ def along(name: str, rate: float, load: np.ndarray) -> np.ndarray:
     p, loaded = dynamics.p.copy(), dynamics.p.copy()
     p[dynamics.layout.friction] = loaded[dynamics.layout.friction] = 0.0
     loaded[body] += load
-    motion = random_motion(dynamics.kinematics, np.random.default_rng(3), period=4.0)
-    z, zd, zdd = motion.evaluate(np.arange(round(0.4 * rate)) / rate)
-    _, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    rng, time = np.random.default_rng(3), np.arange(round(0.4 * rate)) / rate
+    z, _, qd, qdd = along(dynamics.kinematics, rng, time, period=4.0)
     tau = dynamics.torque(z, qd, qdd, loaded)
 
     directions = np.column_stack([p, np.eye(p.size)[:, body] @ load])
@@ -188,7 +185,7 @@ def along(name: str, rate: float, load: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", ["clavel-delta3", "irb360-6-1600", "linear-delta", "h4"])
 def test_a_residual_is_what_the_load_takes(name: str) -> None:
     load = np.array([1.2, 0.06, -0.03, 0.02, 0.01, 0.012, 0.014, 0.001, -0.001, 0.0015])
-    coarse, fine = (along(name, rate, load) for rate in (1000.0, 2000.0))
+    coarse, fine = (residuals(name, rate, load) for rate in (1000.0, 2000.0))
     assert coarse[0] > 1.0
     assert coarse[1] < 2e-3 * coarse[0]
     assert fine[1] < 0.3 * coarse[1]  # of second order in the period
@@ -255,9 +252,7 @@ def test_a_heavy_load_that_hangs_on_is_no_contact() -> None:
     """It is left in motion, 15 ms after the signal, and weighs more than the platform."""
     model, rng, cycles, mass = picked().model, np.random.default_rng(3), 20_000, 4.0
     dynamics = model.dynamics
-    motion = random_motion(dynamics.kinematics, rng, period=7.3)
-    z, zd, zdd = motion.evaluate(np.arange(cycles) / RATE)
-    q, qd, qdd = dynamics.kinematics.drive_motion(z, zd, zdd)
+    z, q, qd, qdd = along(dynamics.kinematics, rng, np.arange(cycles) / RATE, period=7.3)
     signal = np.arange(cycles) // 400 % 2 == 1
     held, moment = np.roll(signal, 15), mass * 1e-4
     heavy = model.with_load(np.array([mass, 0, 0, 0, moment, moment, moment, 0, 0, 0])).p

@@ -22,6 +22,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from deltaid.view.parameters import share_table, shares_sentence
 from poor_priors import PLAIN
+from support import along
 from sweeps import slow
 
 STEP = 1e-5  # m or rad
@@ -52,10 +53,8 @@ def moved(name: str, samples: int = 40) -> tuple[Dynamics, tuple[np.ndarray, ...
     """A robot of which everything may be off by one, a motion, and parameters."""
     ones = {"lengths": 0.05, "homing": 0.2, "mounting": 0.2}
     dynamics = compiled(load_robot(name).changed(tolerances=ones))
-    motion = random_motion(dynamics.kinematics, np.random.default_rng(4))
-    z, zd, zdd = motion.evaluate(np.linspace(0, 4, samples))
-    p = prior_parameters(dynamics.robot)
-    return dynamics, (z, *dynamics.kinematics.drive_motion(z, zd, zdd)), p
+    motion = along(dynamics.kinematics, np.random.default_rng(4), np.linspace(0, 4, samples))
+    return dynamics, motion, prior_parameters(dynamics.robot)
 
 
 def effects(dynamics: Dynamics, *at: np.ndarray) -> dict[str, np.ndarray]:

@@ -17,6 +17,7 @@ from deltaid.robot.description import RobotDescription
 from deltaid.robot.load import load_robot
 from identified import simulated
 from logs import read, recorded, tabled, write
+from support import along
 
 TURN, BITS = 360.0, 2.0**16
 
@@ -199,8 +200,8 @@ def test_an_encoder_that_counts_whole_turns_more_is_read_the_same(name: str) -> 
 
 def test_a_log_is_read_with_any_count_of_turns(tmp_path: Path) -> None:
     kinematics = compiled(turned((150.0, 230.0))).kinematics
-    motion, time = random_motion(kinematics, np.random.default_rng(0)), np.arange(400) / 1000
-    q, qd, qdd = kinematics.drive_motion(*motion.evaluate(time))
+    time = np.arange(400) / 1000
+    _, q, qd, qdd = along(kinematics, np.random.default_rng(0), time)
     frame = tabled(t=time, q=q, qd=qd, qdd=qdd, tau=np.sin(time[:, None] + [1, 2, 3]))
     for turns in (0, -1):
         frame.with_columns(pl.col("q1", "q2", "q3") + turns * 2 * np.pi).write_csv(

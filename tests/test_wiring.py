@@ -17,7 +17,6 @@ from deltaid.dynamics.dynamics import compiled
 from deltaid.dynamics.parameters import prior_parameters
 from deltaid.errors import RecordingError
 from deltaid.model.verdict import Grade
-from deltaid.motion.random_motion import random_motion
 from deltaid.recording.mapping import ColumnMapping
 from deltaid.robot.load import load_robot
 from drives.cycles import cycling
@@ -27,6 +26,7 @@ from drives.sensors import Sensors
 from faults import faulty
 from logs import tabled
 from plants import true_parameters
+from support import along
 from wired import RATE, Columns, bad, evidence_of, only_verdict, recorded, times, without
 
 
@@ -245,8 +245,7 @@ def test_a_drive_at_rest_tells_neither_sign_nor_order() -> None:
     name = "linear-delta"
     robot, rng = load_robot(name), np.random.default_rng(2)
     dynamics, time = compiled(robot), np.arange(2500) / RATE
-    z, zd, zdd = random_motion(dynamics.kinematics, rng).evaluate(time)
-    q, *_ = dynamics.kinematics.drive_motion(z, zd, zdd)
+    _, q, _, _ = along(dynamics.kinematics, rng, time)
     q[:, 0] = q[:, 0].mean()
     z = dynamics.kinematics.forward(q)
     qd = np.gradient(q, time, axis=0)

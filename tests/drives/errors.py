@@ -19,6 +19,7 @@ from deltaid.robot.description import RobotDescription
 from drives.happening import Happening
 from drives.rows import Case
 from oracle.tree import Array
+from support import largest_mass_error
 
 SPEEDS = np.linspace(0.05, 1.0, 40)
 
@@ -27,9 +28,7 @@ def mass_matrix_error(case: Case, result: Identified, factor: float = 1.0) -> fl
     """Error of M over the machine's poses, in drive coordinates of the description."""
     dynamics, machine = result.problem.dynamics, case.machine
     q = dynamics.kinematics.inverse(machine.poses)
-    identified, true = dynamics.mass_matrix(q, result.model.p), machine.M
-    scale = np.sqrt(np.einsum("sii,sjj->sij", true, true))
-    return float(np.max(np.abs(factor * identified - true) / scale))
+    return largest_mass_error(factor * dynamics.mass_matrix(q, result.model.p), machine.M)
 
 
 def mass_matrix_shape_error(case: Case, result: Identified) -> float:

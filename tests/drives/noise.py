@@ -6,6 +6,7 @@ from deltaid.dynamics.dynamics import compiled
 from drives.errors import SPEEDS, half_range
 from drives.rows import Case
 from oracle.tree import Array
+from support import largest_mass_error
 
 # Stride of the samples over which information is summed; share of its largest eigenvalue below
 # which a direction is not identifiable; step of the logarithm of Stribeck's speed.
@@ -45,8 +46,7 @@ def noise_limit(case: Case) -> tuple[float, float, float]:
     off = chance @ vectors[:, seen].T * scale
     q = dynamics.kinematics.inverse(machine.poses)
     true = dynamics.mass_matrix(q, p)
-    size = np.sqrt(np.einsum("sii,sjj->sij", true, true))
-    M = [np.max(np.abs(dynamics.mass_matrix(q, p + d[: len(p)]) - true) / size) for d in off]
+    M = [largest_mass_error(dynamics.mass_matrix(q, p + d[: len(p)]), true) for d in off]
     friction = [_friction(case, d[: len(p)], d[len(p) :].reshape(machine.dof, own)) for d in off]
     of_M, of_friction, of_shape = np.quantile(np.column_stack([M, friction]), 0.9, axis=0)
     return float(of_M), float(of_friction), float(of_shape)
