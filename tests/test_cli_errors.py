@@ -104,13 +104,6 @@ def test_errors(folder: Path, monkeypatch, line: str, fragment: str) -> None:
     assert fragment in message
 
 
-def test_names_from_files_are_only_text(folder: Path, tmp_path: Path) -> None:
-    mapping = write(tmp_path / "[red]:car:.yaml", 'time: {unit: "\\e[31m[bold]:car:"}')
-    log = folder / "log.csv"
-    message = refused("identify", ROBOT, log, "--columns", mapping, folder=tmp_path)
-    assert f"{mapping}, time.unit: unit '?[31m[bold]:car:' is not known" in message
-
-
 @pytest.mark.parametrize(
     "line",
     [
@@ -145,7 +138,6 @@ DAMAGES = {
         "line 1, format: must be greater than or equal to 1",
     ),
     "no format": ("\ndeltaid:", "\ndeltaidd:", "deltaid: is missing"),
-    "name": ("name: U.mcx", "name: U.mcy", "parameters: are not those of the robot, in its order"),
     "not a number": ("determined_by", "value: x\n  determined_by", "is not valid YAML"),
     "method": ("method: conic", "method: guess", "settings.method: must be 'conic'"),
     "robot": ("upper_arm: 0.42", "upper_arm: -0.42", "limbs.upper_arm: must be greater"),

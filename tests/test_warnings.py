@@ -145,15 +145,16 @@ def test_escape_sequences_of_a_title_do_not_reach_the_terminal(tmp_path: Path) -
 
 @pytest.mark.parametrize("name", ["[/]", "[bold]q2[/bold]", "q\x9b2", "q\u202e2"])
 def test_columns_and_paths_are_printed_in_messages(tmp_path: Path, name: str) -> None:
-    log = write(tmp_path / "[red].csv", f"t,q1,{name}\n0,0,0\n")
+    log = write(tmp_path / "[red]:car:.csv", f"t,q1,{name}\n0,0,0\n")
     outcome = run("base", "clavel-delta3", log)
     assert outcome.code == 2
-    assert "[red].csv, row 1: has no column q2, q3" in outcome.err
+    assert "[red]:car:.csv, row 1: has no column q2, q3" in outcome.err
     assert visible(name) in outcome.err
     assert not COMMANDS.search(outcome.err)
-    mapping = write(tmp_path / "mapping.yaml", "torque: [{column: a, unit: '[/]'}]\n")
+    mapping = write(tmp_path / "mapping.yaml", 'time: {unit: "\\e[31m[bold]:car:"}\n')
     outcome = run("base", "clavel-delta3", log, "--columns", mapping)
     assert (outcome.code, outcome.errors) == (2, 1)
+    assert "mapping.yaml, time.unit: unit '?[31m[bold]:car:' is not known" in outcome.err
 
 
 def test_names_on_the_command_line_are_printed_in_messages() -> None:
