@@ -18,6 +18,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from deltaid.robot.description import RobotDescription
+from oracle.tree import rot_z
 
 Array = NDArray[np.float64]
 
@@ -110,7 +111,7 @@ class PinocchioDelta:
         limbs = self._limbs
         tips, seats = [], []
         for azimuth in np.deg2rad(limbs.azimuth_deg):
-            R = _rotation_z(azimuth)
+            R = rot_z(azimuth)
             upper = self._joint(0, pin.JointModelRY(), limbs.base_radius * R[:, 0], R)
             strut = self._joint(upper, pin.JointModelUniversal(ey, ez), limbs.upper_arm * ex)
             tips.append((strut, limbs.strut * ex))
@@ -149,7 +150,7 @@ class PinocchioDelta:
     def _limb_coordinates(self, r: Array, azimuth: float) -> Array:
         """Upper arm's angle and the two angles of the strut against it, samples × 3."""
         arm, strut = self._limbs.upper_arm, self._limbs.strut
-        x, y, height = (r @ _rotation_z(azimuth)).T
+        x, y, height = (r @ rot_z(azimuth)).T
         x = x + self._limbs.platform_radius - self._limbs.base_radius
         squares = x**2 + y**2 + height**2 + arm**2 - strut**2
         q = np.arctan2(-height, x) - np.arccos(squares / (2 * arm * np.hypot(x, height)))
@@ -183,8 +184,3 @@ class PinocchioDelta:
         pin.framesForwardKinematics(self.model, self._data, q)
         at = self._data.oMf
         return np.array([at[tip].translation - at[seat].translation for tip, seat in self._cuts])
-
-
-def _rotation_z(angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
