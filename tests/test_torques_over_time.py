@@ -141,6 +141,16 @@ def test_torques_that_go_along_a_period_later_as_well_were_not_joined_there(
     assert "torque-lag" not in [verdict.key for verdict in bad(verdicts)]
 
 
+@pytest.mark.parametrize("late", [45, 160])
+def test_late_torques_of_a_motion_that_repeats_are_not_said_to_be_a_period_late(late: int) -> None:
+    made = case("clean", "delta3", 0)
+    names = [f"tau{i}" for i in (1, 2, 3)]
+    log = made.logs[0].with_columns(pl.col(names).shift(late))[late:]
+    (verdict,) = bad(checked_wiring(evidence(made.robot, log)))
+    assert verdict.key == "torque-lag"
+    assert verdict.number == pytest.approx(late, abs=2)
+
+
 def test_a_period_later_is_not_where_torques_belong_that_something_disturbs_from_then_on() -> None:
     """Torques a period early would leave out the rows that are disturbed."""
     made = case("clean", "delta3", 0)

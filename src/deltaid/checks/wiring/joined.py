@@ -71,17 +71,24 @@ class _Profile:
         return cls(course, places, reach, np.array(shares))
 
     def lag_of(self, drives: Int[np.ndarray, " drives"], least: float) -> _Lag | None:
-        """The lag of at least `least` s that some drives have in common; None where none is
-        clear."""
-        course, mean = self.course, self.shares[drives].mean(axis=0)
+        """The lag of at least `least` s that some drives have in common; None where none is clear.
+        A motion that repeats has the same lag again a period later."""
+        short = min(int(_DELAY * self.course.every / self.course.step), self.reach)
+        short_lag = self._best(drives, least, short)
+        return short_lag if short_lag is not None else self._best(drives, least, self.reach)
+
+    def _best(self, drives: Int[np.ndarray, " drives"], least: float, reach: int) -> _Lag | None:
+        """The lag of least share, up to `reach` fine samples, if it is clear."""
+        course, first = self.course, self.reach - reach
+        mean = self.shares[drives, first : first + 2 * reach + 1].mean(axis=0)
         k = int(np.argmin(mean[1:-1])) + 1
         before, here, after = mean[k - 1 : k + 2].tolist()
-        shift = k - self.reach
+        shift = k - reach
         place = shift + 0.5 * (before - after) / max(before - 2 * here + after, _TINY)  # a parabola
         late = place * course.step / course.every
-        if abs(late) < least:
+        if abs(late) < least or here > min(before, after):  # still falling at the end
             return None
-        with_it, without = self.shares[drives][:, [k, self.reach]].T
+        with_it, without = self.shares[drives][:, [self.reach + shift, self.reach]].T
         along = correlations(course.prior[:, self.places], self.torques(shift))[drives]
         if abs(late) < _DELAY:
             is_clear = bool(np.all(with_it < (_LEFT if len(drives) > 1 else _LEFT**2) * without))
