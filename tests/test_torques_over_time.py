@@ -57,6 +57,26 @@ def test_a_stretch_in_another_unit_is_named_with_both_ends() -> None:
     assert "correct column tau1, tau2 and tau3 in these rows" in verdict.cure
 
 
+@pytest.mark.parametrize(("factor", "first"), [(1.1, 1200), (0.8, 1500), (1.5, 1000)])
+def test_a_torque_constant_that_changes_at_a_row_is_named_with_it(
+    factor: float, first: int
+) -> None:
+    verdict = verdict_on(scaled(first, 2500, factor, 1))
+    assert (verdict.key, verdict.subject) == ("drive-gain", "drive2")
+    assert verdict.number == pytest.approx(factor, rel=0.02) or verdict.number == pytest.approx(
+        1 / factor, rel=0.02
+    )
+    assert pytest.approx(first, abs=60) in rows_in(verdict)
+
+
+def test_a_torque_constant_that_falls_while_recording_changes_at_no_row() -> None:
+    columns = recorded(NAME)
+    falling = 1.0 - 0.15 * (1.0 - np.exp(-columns["t"] / 3.0))
+    tau = columns["tau"] * np.stack([np.ones_like(falling), falling, np.ones_like(falling)], axis=1)
+    verdicts = checked_wiring(evidence_of(NAME, columns | {"tau": tau}))
+    assert "drive-gain" not in [verdict.key for verdict in bad(verdicts)]
+
+
 @pytest.mark.parametrize(("first", "last"), [(1250, 2500), (0, 1000), (800, 1600)])
 @pytest.mark.parametrize("exchange", [(1, 0, 2), (1, 2, 0)])
 def test_columns_that_change_places_while_recording_are_named_with_their_rows(

@@ -1,13 +1,13 @@
 """Torques over time: magnitudes in place of torques, and stretches whose torques have another sign,
-unit or order than the rest.
+unit, scale or order than the rest.
 
-With another sign or unit in a stretch, u ≈ g f there and u ≈ h f in the rest, where u(t) are the
-torques and f(t) those of a fit to the larger part; the stretch with the least residual is judged by
-g/h. If columns have other drives' torques in a stretch, f is in another order there.
+With another sign, unit or scale in a stretch, u ≈ g f there and u ≈ h f in the rest, where u(t) are
+the torques and f(t) those of a fit to the larger part; the stretch with the least residual is
+judged by g/h. If columns have other drives' torques in a stretch, f is in another order there.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
@@ -83,10 +83,16 @@ class _Stretch:
         )
         columns = np.arange(len(u))
         # A stretch and the rest change places at the ends: the shorter one is reported.
-        rest = of_rest[columns, columns].sum(axis=0) - 1e-6 * (ends[last] - ends[first])
+        rest = of_rest[columns, columns].sum(axis=0) - 1e-9 * (ends[last] - ends[first])
         explained = [of_stretch[columns, order].sum(axis=0) + rest for order in orders]
         order, k = np.unravel_index(np.argmax(explained), np.shape(explained))
         return cls(course, int(ends[first[k]]), int(ends[last[k]]), orders[int(order)])
+
+    def of_columns(self, columns: Int[np.ndarray, " columns"]) -> "_Stretch":
+        """The stretch that explains these columns best."""
+        f, u = self.course.fitted[columns], self.course.recorded[columns]
+        course = replace(self.course, fitted=f, recorded=u)
+        return _Stretch.best(course, [tuple(range(len(columns)))])
 
     @property
     def is_long(self) -> bool:
@@ -114,6 +120,18 @@ class _Stretch:
         (_, in_order), (_, elsewhere) = (_gain(f[:, part], u[:, part]) for part in (inner, outer))
         sure = (np.minimum(along, elsewhere) > ALONG) & (1 - along**2 < CLEARER * (1 - in_order**2))
         return moved[: len(moved) * bool(sure[moved].all())]
+
+    @property
+    def rescaled(self) -> Int[np.ndarray, " columns"]:
+        """Columns whose torques have another scale in the stretch, if that explains them and the
+        others have the same. A load changes several; what drifts does not change at a row."""
+        f, u = self.course.fitted, np.where(self.course.fitted, self.course.recorded, 0.0)
+        whole = np.any(self.parts, axis=0)
+        before = _unexplained(f[:, whole], u[:, whole])
+        after = sum(_unexplained(f[:, part], u[:, part]) for part in self.parts)
+        changed = after < CLEARER**3 * before
+        is_sudden = not changed.all() and bool(np.all(changed | (after > CLEARER * before)))
+        return np.flatnonzero(changed & is_sudden)
 
     def rows(self, record: Evidence) -> str:
         """First and last row in words."""
@@ -152,13 +170,18 @@ def _stretch(log: RemappedRecording, course: Course) -> Iterator[Verdict]:
     times = g / np.where(h, h, _TINY)
     other = (times < 1 / WRONG_SCALE) | (times > WRONG_SCALE)
     changed = np.flatnonzero(other & (np.minimum(np.abs(along), np.abs(elsewhere)) > ALONG))
+    key, what = "torque-unit", "unit or sign"
+    if not changed.size:
+        changed, key, what = stretch.rescaled, "drive-gain", "scale"
+    elif times[changed].max() < 0:
+        key, what = "torque-sign", "sign"
     if not changed.size:
         return
-    drives, turned = course.drives[changed].tolist(), bool(times[changed].max() < 0)
-    what = "sign" if turned else "unit or sign"
+    stretch = stretch.of_columns(changed)
+    drives = course.drives[changed].tolist()
     size = listed(list(dict.fromkeys(f"{ratio:.2g}" for ratio in times[changed])))
     yield Verdict(
-        "torque-sign" if turned else "torque-unit",
+        key,
         Grade.WRONG,
         f"the torque of {log.all_or(drives)} has another {what} {stretch.rows(log.evidence)} "
         f"than in the rest of the recording: it is {size} times what it should be if the rest is "
@@ -174,3 +197,8 @@ def _gain(f: Torques, u: Torques) -> tuple[OfDrives, OfDrives]:
     """Factors of torques f that fit u best, and their correlations."""
     fu, ff, uu = (np.sum(product, axis=1) for product in (f * u, f**2, u**2))
     return fu / np.maximum(ff, _TINY), fu / np.sqrt(np.maximum(ff * uu, _TINY))
+
+
+def _unexplained(f: Torques, u: Torques) -> OfDrives:
+    """Squares of torques u that torques f times a factor leave."""
+    return np.sum(u**2, axis=1) * (1.0 - _gain(f, u)[1] ** 2)
