@@ -69,6 +69,19 @@ def test_a_torque_constant_that_changes_at_a_row_is_named_with_it(
     assert pytest.approx(first, abs=60) in rows_in(verdict)
 
 
+def test_torques_of_all_drives_that_grow_at_a_row_may_be_those_of_a_load() -> None:
+    columns = scaled(1200, 2500, 1.1)
+    keys = [verdict.key for verdict in bad(checked_wiring(evidence_of(NAME, columns)))]
+    assert "drive-gain" not in keys
+
+
+def test_a_load_of_one_limb_most_of_all_is_no_torque_constant() -> None:
+    """It changes the torques of one carriage as a factor would, and those of another less."""
+    made = case("load-half-undeclared", "linear", 0)
+    verdicts = checked_wiring(evidence(made.robot, made.logs[0]))
+    assert "drive-gain" not in [verdict.key for verdict in bad(verdicts)]
+
+
 def test_a_torque_constant_that_falls_while_recording_changes_at_no_row() -> None:
     columns = recorded(NAME)
     falling = 1.0 - 0.15 * (1.0 - np.exp(-columns["t"] / 3.0))

@@ -23,7 +23,7 @@ Torques = Float[np.ndarray, "moving samples"]
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class TorqueCourse:
     """Torques of moving drives over time: recorded, and by the prior, a fit, and a fit to recorded
     magnitudes; the last three are zero where unknown.
 
@@ -52,7 +52,7 @@ class Course:
         return float(self.time[1] - self.time[0])
 
     @classmethod
-    def of(cls, log: RemappedRecording) -> "Course | None":
+    def of(cls, log: RemappedRecording) -> "TorqueCourse | None":
         """The whole recording, as it is mapped; None where its loops do not close."""
         rows, moved, dynamics = log.evidence.on_time, log.motion, log.evidence.dynamics
         skipped, whole = -(-len(rows.time) // _MOST), float(np.ptp(rows.time))

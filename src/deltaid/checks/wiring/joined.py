@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.checks.wiring.candidate import ALONG, SENSIBLE
-from deltaid.checks.wiring.course import CLEARER, Course, Torques
+from deltaid.checks.wiring.course import CLEARER, TorqueCourse, Torques
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.estimation.problem import Span
 from deltaid.estimation.traces import LARGEST_LAG
@@ -45,13 +45,13 @@ class _Lag:
 class _Profile:
     """Unexplained shares at lags of −`reach` to `reach`, in steps of the fine torques."""
 
-    course: Course
+    course: TorqueCourse
     places: Int[np.ndarray, " places"]  # compared samples
     reach: int
     shares: Float[np.ndarray, "moving lags"]
 
     @classmethod
-    def of(cls, course: Course) -> "_Profile | None":
+    def of(cls, course: TorqueCourse) -> "_Profile | None":
         """None where the recording is too short to leave enough samples."""
         _, count, columns = course.regressor.shape
         margin = min(count // 4, (count - _PER_COLUMN * columns) // 2)
@@ -116,14 +116,14 @@ class _Profile:
         return correlations(self.course.prior[:, self.places], self.torques(0))
 
 
-def lag_of_all(course: Course) -> float | None:
+def lag_of_all(course: TorqueCourse) -> float | None:
     """The lag that torques of all drives have in common [s]; None where none is clear."""
     profile = _Profile.of(course) if course.drives.size else None
     lag = profile and profile.lag_of(np.arange(len(course.drives)), 0.0)
     return lag and lag.late
 
 
-def joined_verdicts(log: RemappedRecording, course: Course) -> Iterator[Verdict]:
+def joined_verdicts(log: RemappedRecording, course: TorqueCourse) -> Iterator[Verdict]:
     """Torques of all drives, or of single ones, that positions explain at a lag only."""
     if (profile := _Profile.of(course)) is None:
         return

@@ -15,11 +15,14 @@ from jaxtyping import Bool, Float, Int
 
 from deltaid.checks.evidence import WRONG_SCALE, Evidence
 from deltaid.checks.wiring.candidate import ALONG
-from deltaid.checks.wiring.course import CLEARER, Course, Torques
+from deltaid.checks.wiring.course import CLEARER, TorqueCourse, Torques
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.joined import joined_verdicts
 from deltaid.model.verdict import Grade, Verdict, listed
 
+# Largest share of the residual that a change of scale leaves in the drives that it is of, and the
+# least in the others.
+_LEFT, _SAME = 0.05, 0.9
 # Number of ends of stretches that are tried; least length of a stretch and of the rest [s].
 _ENDS, _SHORTEST = 300, 1.0
 _TINY = np.finfo(float).tiny
@@ -28,7 +31,7 @@ OfDrives = Float[np.ndarray, " moving"]
 Inside = Bool[np.ndarray, " samples"]
 
 
-def over_time_verdicts(log: RemappedRecording, course: Course) -> Iterator[Verdict]:
+def over_time_verdicts(log: RemappedRecording, course: TorqueCourse) -> Iterator[Verdict]:
     """Verdicts on torques that were joined at another row, have no sign, or have another sign or
     unit for some time."""
     if not course.drives.size:
@@ -37,7 +40,7 @@ def over_time_verdicts(log: RemappedRecording, course: Course) -> Iterator[Verdi
     yield from magnitudes or tuple(_stretch(log, course)) or joined_verdicts(log, course)
 
 
-def _magnitudes(log: RemappedRecording, course: Course) -> Iterator[Verdict]:
+def _magnitudes(log: RemappedRecording, course: TorqueCourse) -> Iterator[Verdict]:
     known = np.where(course.fitted, course.recorded, 0.0)
     fits = course.fitted, course.unsigned, np.abs(course.unsigned)
     *signed, sizes = (1.0 - _gain(f, known)[1] ** 2 for f in fits)
@@ -61,13 +64,13 @@ class _Stretch:
     """A part of a course from `first` to before `last`; `order` has the drive whose torque each
     column holds there."""
 
-    course: Course
+    course: TorqueCourse
     first: int
     last: int
     order: tuple[int, ...]
 
     @classmethod
-    def best(cls, course: Course, orders: Sequence[tuple[int, ...]]) -> "_Stretch":
+    def best(cls, course: TorqueCourse, orders: Sequence[tuple[int, ...]]) -> "_Stretch":
         """The stretch and order with the least residual of scaled torques of the fit."""
         n, f = len(course.time), course.fitted
         u = np.where(f, course.recorded, 0.0)
@@ -129,8 +132,8 @@ class _Stretch:
         whole = np.any(self.parts, axis=0)
         before = _unexplained(f[:, whole], u[:, whole])
         after = sum(_unexplained(f[:, part], u[:, part]) for part in self.parts)
-        changed = after < CLEARER**3 * before
-        is_sudden = not changed.all() and bool(np.all(changed | (after > CLEARER * before)))
+        changed = after < _LEFT * before
+        is_sudden = not changed.all() and bool(np.all(changed | (after > _SAME * before)))
         return np.flatnonzero(changed & is_sudden)
 
     def rows(self, record: Evidence) -> str:
@@ -142,7 +145,7 @@ class _Stretch:
         return f"from {start} to {end}"
 
 
-def _stretch(log: RemappedRecording, course: Course) -> Iterator[Verdict]:
+def _stretch(log: RemappedRecording, course: TorqueCourse) -> Iterator[Verdict]:
     columns = [log.evidence.columns.torque[i].column for i in course.drives]
     cure = "or give the parts as recordings with a mapping each"
     orders = list(permutations(range(len(columns))))

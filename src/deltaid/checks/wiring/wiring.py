@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from deltaid.checks.evidence import UNRELATED, Evidence, forget
 from deltaid.checks.wiring.candidate import SENSIBLE
 from deltaid.checks.wiring.columns import COUNTS, column_verdicts
-from deltaid.checks.wiring.course import Course
+from deltaid.checks.wiring.course import TorqueCourse
 from deltaid.checks.wiring.explained import RemappedRecording, overall
 from deltaid.checks.wiring.joined import lag_of_all
 from deltaid.checks.wiring.over_time import over_time_verdicts
@@ -68,7 +68,7 @@ def checked_wirings(
         _refuse_copies(record)
         if (fine := _long_motion(record)) is not None:
             log = _explained(record, fine)
-            course = Course.of(log) if log.good else None
+            course = TorqueCourse.of(log) if log.good else None
             over_time[k] = tuple(over_time_verdicts(log, course)) if course is not None else ()
             over_time[k] = over_time[k] or tuple(time_unit_verdicts(log))
             judged[k] = log if course is None or over_time[k] else _on_time(log, course)
@@ -120,7 +120,7 @@ def _explained(record: Evidence, fine: FilteredMotion) -> RemappedRecording:
     return RemappedRecording(record, fine, explained(record.dynamics, fine, coarse))
 
 
-def _on_time(log: RemappedRecording, course: Course) -> RemappedRecording:
+def _on_time(log: RemappedRecording, course: TorqueCourse) -> RemappedRecording:
     """With a lag of all torques corrected if anything seems wrong: lags spoil inertia, which
     decides units that no loop does, and gravity."""
     record = log.evidence
