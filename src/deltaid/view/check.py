@@ -93,7 +93,7 @@ def verdicts_page(value: Verdicts) -> Page:
         Section(
             "Good", (page_table(good),) if good else (), "what was checked and is as it should be"
         ),
-        Section("Reading", tuple(map(Text, value.warnings)), "what was assumed or ignored"),
+        Section("Reading", tuple(map(Text, value.warnings)), "what was assumed", unfolded=True),
     )
     return Page(
         title=_title(value),
