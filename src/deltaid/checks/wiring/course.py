@@ -19,7 +19,10 @@ _ROUNDS = 10
 # Largest share of what is unexplained that may remain with a lag, a sign or another order.
 CLEARER = 0.5
 
+TINY = np.finfo(float).tiny
+
 Torques = Float[np.ndarray, "moving samples"]
+OfDrives = Float[np.ndarray, " moving"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,3 +102,9 @@ def _of_most_rows(
         A = weights[:, None] * under.Y / scale
         p = np.linalg.lstsq(A, weights * tau, rcond=NEGLIGIBLE)[0] / scale
     return p
+
+
+def gains(f: Torques, u: Torques) -> tuple[OfDrives, OfDrives]:
+    """Factors of torques f that fit u best, and their correlations."""
+    fu, ff, uu = (np.sum(product, axis=1) for product in (f * u, f**2, u**2))
+    return fu / np.maximum(ff, TINY), fu / np.sqrt(np.maximum(ff * uu, TINY))

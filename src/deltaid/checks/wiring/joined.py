@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from deltaid.checks.wiring.candidate import ALONG, SENSIBLE
-from deltaid.checks.wiring.course import CLEARER, TorqueCourse, Torques
+from deltaid.checks.wiring.course import CLEARER, TINY, OfDrives, TorqueCourse, Torques, gains
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.estimation.problem import Span
 from deltaid.estimation.traces import LARGEST_LAG
@@ -28,7 +28,6 @@ from deltaid.model.verdict import Grade, Verdict, listed, percent
 _DELAY, _LEFT = 0.15, 0.1
 # Least number of samples for each column; most samples that are compared.
 _PER_COLUMN, _MOST = 2, 500
-_TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +83,12 @@ class _Profile:
         k = int(np.argmin(mean[1:-1])) + 1
         before, here, after = mean[k - 1 : k + 2].tolist()
         shift = k - reach
-        place = shift + 0.5 * (before - after) / max(before - 2 * here + after, _TINY)  # a parabola
+        place = shift + 0.5 * (before - after) / max(before - 2 * here + after, TINY)  # a parabola
         late = place * course.step / course.every
         if abs(late) < least or here > min(before, after):  # still falling at the end
             return None
         with_it, without = self.shares[drives][:, [self.reach + shift, self.reach]].T
-        along = correlations(course.prior[:, self.places], self.torques(shift))[drives]
+        along = gains(course.prior[:, self.places], self.torques(shift))[1][drives]
         if abs(late) < _DELAY:
             is_clear = bool(np.all(with_it < (_LEFT if len(drives) > 1 else _LEFT**2) * without))
         else:
@@ -103,7 +102,7 @@ class _Profile:
         """Correlation of torques as recorded with the prior's, also in the rows that are compared
         at a lag: if something disturbs only the others, torques fit a period earlier or later."""
         there = self.places + round(shift / self.course.every)
-        at_lag = correlations(self.course.prior[:, there], self.course.recorded[:, there])
+        at_lag = gains(self.course.prior[:, there], self.course.recorded[:, there])[1]
         return max(float(along[drives].mean()) for along in (self.as_recorded, at_lag))
 
     def torques(self, shift: int) -> Torques:
@@ -111,9 +110,9 @@ class _Profile:
         return self.course.fine[:, self.course.first + self.places * self.course.every + shift]
 
     @property
-    def as_recorded(self) -> Float[np.ndarray, " moving"]:
+    def as_recorded(self) -> OfDrives:
         """Correlations of torques with those of the prior without a lag."""
-        return correlations(self.course.prior[:, self.places], self.torques(0))
+        return gains(self.course.prior[:, self.places], self.torques(0))[1]
 
 
 def lag_of_all(course: TorqueCourse) -> float | None:
@@ -166,11 +165,4 @@ def unexplained(
     """Share of squared torques that neither the columns Y nor a constant explain."""
     span = Span.of_columns(np.column_stack([Y, np.ones(len(Y))]))
     total = np.sum(torques**2, axis=0)
-    return 1.0 - np.sum((span.Q.T @ torques) ** 2, axis=0) / np.maximum(total, _TINY)
-
-
-def correlations(
-    expected: Float[np.ndarray, "drives samples"], torques: Float[np.ndarray, "drives samples"]
-) -> Float[np.ndarray, " drives"]:
-    sizes = np.linalg.norm(expected, axis=1) * np.linalg.norm(torques, axis=1)
-    return np.sum(expected * torques, axis=1) / np.maximum(sizes, _TINY)
+    return 1.0 - np.sum((span.Q.T @ torques) ** 2, axis=0) / np.maximum(total, TINY)

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from deltaid.checks.evidence import WRONG_SCALE, Evidence
 from deltaid.checks.wiring.candidate import ALONG
-from deltaid.checks.wiring.course import CLEARER, TorqueCourse, Torques
+from deltaid.checks.wiring.course import CLEARER, TINY, OfDrives, TorqueCourse, Torques, gains
 from deltaid.checks.wiring.explained import RemappedRecording
 from deltaid.checks.wiring.joined import joined_verdicts
 from deltaid.model.verdict import Grade, Verdict, listed
@@ -25,9 +25,7 @@ from deltaid.model.verdict import Grade, Verdict, listed
 _LEFT, _SAME = 0.05, 0.9
 # Number of ends of stretches that are tried; least length of a stretch and of the rest [s].
 _ENDS, _SHORTEST = 300, 1.0
-_TINY = np.finfo(float).tiny
 
-OfDrives = Float[np.ndarray, " moving"]
 Inside = Bool[np.ndarray, " samples"]
 
 
@@ -43,7 +41,7 @@ def over_time_verdicts(log: RemappedRecording, course: TorqueCourse) -> Iterator
 def _magnitudes(log: RemappedRecording, course: TorqueCourse) -> Iterator[Verdict]:
     known = np.where(course.fitted, course.recorded, 0.0)
     fits = course.fitted, course.unsigned, np.abs(course.unsigned)
-    *signed, sizes = (1.0 - _gain(f, known)[1] ** 2 for f in fits)
+    *signed, sizes = (1.0 - gains(f, known)[1] ** 2 for f in fits)
     # The fit to magnitudes has a sign too; torques that keep it are no magnitudes.
     is_clearer = sizes < CLEARER * np.minimum(*signed)
     drives = course.drives[course.one_sided & is_clearer].tolist()
@@ -75,14 +73,14 @@ class _Stretch:
         n, f = len(course.time), course.fitted
         u = np.where(f, course.recorded, 0.0)
         ends = np.linspace(0, n, min(n, _ENDS) + 1).astype(int)
-        powers = np.maximum(np.sum(u**2, axis=1), _TINY)[:, None, None]
+        powers = np.maximum(np.sum(u**2, axis=1), TINY)[:, None, None]
         products = np.array([u[:, None] * f, np.broadcast_to(f**2, (len(u), *f.shape))])
         sums = np.cumsum(np.add.reduceat(products, ends[:-1], axis=3), axis=3)
         sums = np.pad(sums, ((0, 0), (0, 0), (0, 0), (1, 0)))
         first, last = np.triu_indices(len(ends), 2)
         inside = sums[..., last] - sums[..., first]
         of_stretch, of_rest = (
-            fu**2 / np.maximum(ff, _TINY) / powers for fu, ff in (inside, sums[..., -1:] - inside)
+            fu**2 / np.maximum(ff, TINY) / powers for fu, ff in (inside, sums[..., -1:] - inside)
         )
         columns = np.arange(len(u))
         # A stretch and the rest change places at the ends: the shorter one is reported.
@@ -119,8 +117,8 @@ class _Stretch:
         f, u, order = self.course.fitted, self.course.recorded, np.array(self.order)
         inner, outer = self.parts
         moved = np.flatnonzero(order != np.arange(len(order)))
-        _, along = _gain(f[order][:, inner], u[:, inner])
-        (_, in_order), (_, elsewhere) = (_gain(f[:, part], u[:, part]) for part in (inner, outer))
+        _, along = gains(f[order][:, inner], u[:, inner])
+        (_, in_order), (_, elsewhere) = (gains(f[:, part], u[:, part]) for part in (inner, outer))
         sure = (np.minimum(along, elsewhere) > ALONG) & (1 - along**2 < CLEARER * (1 - in_order**2))
         return moved[: len(moved) * bool(sure[moved].all())]
 
@@ -169,8 +167,8 @@ def _stretch(log: RemappedRecording, course: TorqueCourse) -> Iterator[Verdict]:
     if not stretch.is_long:
         return
     f, u = course.fitted, course.recorded
-    (g, along), (h, elsewhere) = (_gain(f[:, part], u[:, part]) for part in stretch.parts)
-    times = g / np.where(h, h, _TINY)
+    (g, along), (h, elsewhere) = (gains(f[:, part], u[:, part]) for part in stretch.parts)
+    times = g / np.where(h, h, TINY)
     other = (times < 1 / WRONG_SCALE) | (times > WRONG_SCALE)
     changed = np.flatnonzero(other & (np.minimum(np.abs(along), np.abs(elsewhere)) > ALONG))
     key, what = "torque-unit", "unit or sign"
@@ -196,12 +194,6 @@ def _stretch(log: RemappedRecording, course: TorqueCourse) -> Iterator[Verdict]:
     )
 
 
-def _gain(f: Torques, u: Torques) -> tuple[OfDrives, OfDrives]:
-    """Factors of torques f that fit u best, and their correlations."""
-    fu, ff, uu = (np.sum(product, axis=1) for product in (f * u, f**2, u**2))
-    return fu / np.maximum(ff, _TINY), fu / np.sqrt(np.maximum(ff * uu, _TINY))
-
-
 def _unexplained(f: Torques, u: Torques) -> OfDrives:
     """Squares of torques u that torques f times a factor leave."""
-    return np.sum(u**2, axis=1) * (1.0 - _gain(f, u)[1] ** 2)
+    return np.sum(u**2, axis=1) * (1.0 - gains(f, u)[1] ** 2)
