@@ -7,7 +7,7 @@ judged by g/h. If columns have other drives' torques in a stretch, f is in anoth
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
@@ -91,9 +91,7 @@ class _Stretch:
 
     def of_columns(self, columns: Int[np.ndarray, " columns"]) -> "_Stretch":
         """The stretch that explains these columns best."""
-        f, u = self.course.fitted[columns], self.course.recorded[columns]
-        course = replace(self.course, fitted=f, recorded=u)
-        return _Stretch.best(course, [tuple(range(len(columns)))])
+        return _Stretch.best(self.course.of_columns(columns), [tuple(range(len(columns)))])
 
     @property
     def is_long(self) -> bool:
