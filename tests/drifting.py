@@ -78,7 +78,7 @@ def with_other(file: FactorFile, merging: Merging, more: dict[str, float], name:
     return FactorFile(changed, moved(file.whole), moved(file.groups), geometry, name)
 
 
-def write_months(folder: Path, count: int) -> None:
+def write_months(folder: Path, count: int = 42) -> None:
     """Files of a robot, whose second drive rises by 5 % a month from day 36 on; recorded every
     other day.
 
