@@ -70,7 +70,7 @@ def test_a_torque_constant_that_changes_at_a_row_is_named_with_it(
 
 
 def test_torques_of_all_drives_that_grow_at_a_row_may_be_those_of_a_load() -> None:
-    columns = scaled(1200, 2500, 1.1)
+    columns = scaled(1900, 2500, 1.2)
     keys = [verdict.key for verdict in bad(checked_wiring(evidence_of(NAME, columns)))]
     assert "drive-gain" not in keys
 
