@@ -54,10 +54,6 @@ class TorqueCourse:
     def step(self) -> float:
         return float(self.time[1] - self.time[0])
 
-    def of_columns(self, columns: Int[np.ndarray, " columns"]) -> "TorqueCourse":
-        names = "drives regressor prior fitted unsigned recorded fine one_sided"
-        return replace(self, **{name: getattr(self, name)[columns] for name in names.split()})
-
     @classmethod
     def of(cls, log: RemappedRecording) -> "TorqueCourse | None":
         """The whole recording, as it is mapped; None where its loops do not close."""

@@ -89,10 +89,6 @@ class _Stretch:
         order, k = np.unravel_index(np.argmax(explained), np.shape(explained))
         return cls(course, int(ends[first[k]]), int(ends[last[k]]), orders[int(order)])
 
-    def of_columns(self, columns: Int[np.ndarray, " columns"]) -> "_Stretch":
-        """The stretch that explains these columns best."""
-        return _Stretch.best(self.course.of_columns(columns), [tuple(range(len(columns)))])
-
     @property
     def is_long(self) -> bool:
         """Whether both parts are long enough to be judged."""
@@ -176,7 +172,6 @@ def _stretch(log: RemappedRecording, course: TorqueCourse) -> Iterator[Verdict]:
         key, what = "torque-sign", "sign"
     if not changed.size:
         return
-    stretch = stretch.of_columns(changed)
     drives = course.drives[changed].tolist()
     size = listed(list(dict.fromkeys(f"{ratio:.2g}" for ratio in times[changed])))
     yield Verdict(
