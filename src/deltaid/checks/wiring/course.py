@@ -55,7 +55,7 @@ class TorqueCourse:
         return float(self.time[1] - self.time[0])
 
     @classmethod
-    def of(cls, log: RemappedRecording) -> "TorqueCourse | None":
+    def from_recording(cls, log: RemappedRecording) -> "TorqueCourse | None":
         """The whole recording, as it is mapped; None where its loops do not close."""
         rows, moved, dynamics = log.evidence.on_time, log.motion, log.evidence.dynamics
         skipped, whole = -(-len(rows.time) // _MOST), float(np.ptp(rows.time))

@@ -6,7 +6,7 @@ Of the torque u(t) of a drive with rows y(t) of the regressor, the share
 
 that no parameters explain is least at the lag δ. It is sharp where the correlation with the prior's
 torques is not: 40 ms in a motion of 1 Hz hardly change the latter. Friction that yields before it
-slips may look like a short lag of one drive, but not like the same lag of all.
+slips may look like a short lag, but leaves a larger share.
 """
 
 from collections.abc import Iterator
@@ -50,7 +50,7 @@ class _Profile:
     shares: Float[np.ndarray, "moving lags"]
 
     @classmethod
-    def of(cls, course: TorqueCourse) -> "_Profile | None":
+    def from_course(cls, course: TorqueCourse) -> "_Profile | None":
         """None where the recording is too short to leave enough samples."""
         _, count, columns = course.regressor.shape
         margin = min(count // 4, (count - _PER_COLUMN * columns) // 2)
@@ -117,14 +117,14 @@ class _Profile:
 
 def lag_of_all(course: TorqueCourse) -> float | None:
     """The lag that torques of all drives have in common [s]; None where none is clear."""
-    profile = _Profile.of(course) if course.drives.size else None
+    profile = _Profile.from_course(course) if course.drives.size else None
     lag = profile and profile.lag_of(np.arange(len(course.drives)), 0.0)
     return lag and lag.late
 
 
 def joined_verdicts(log: RemappedRecording, course: TorqueCourse) -> Iterator[Verdict]:
     """Torques of all drives, or of single ones, that positions explain at a lag only."""
-    if (profile := _Profile.of(course)) is None:
+    if (profile := _Profile.from_course(course)) is None:
         return
     every = np.arange(len(course.drives))
     lags = [(every, profile.lag_of(every, LARGEST_LAG))]
@@ -145,7 +145,7 @@ def _verdict(log: RemappedRecording, drives: list[int], lag: _Lag) -> Verdict:
     return Verdict(
         "torque-lag",
         Grade.WRONG,
-        f"the torque of {log.all_or(drives)} comes {abs(milliseconds):.3g} ms "
+        f"the torque of {log.all_or(drives)} comes {abs(milliseconds):.0f} ms "
         f"{'late' if lag.late > 0 else 'early'} against positions, some {abs(count)} rows, more "
         f"than any drive delays it: {percent(lag.with_it)} of it is unexplained then, and "
         f"{percent(lag.without)} as recorded",

@@ -68,7 +68,7 @@ def checked_wirings(
         _refuse_copies(record)
         if (fine := _long_motion(record)) is not None:
             log = _explained(record, fine)
-            course = TorqueCourse.of(log) if log.good else None
+            course = TorqueCourse.from_recording(log) if log.good else None
             over_time[k] = tuple(over_time_verdicts(log, course)) if course is not None else ()
             over_time[k] = over_time[k] or tuple(time_unit_verdicts(log))
             judged[k] = log if course is None or over_time[k] else _on_time(log, course)
