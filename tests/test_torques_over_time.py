@@ -8,6 +8,9 @@ import pytest
 
 import deltaid
 from deltaid.checks.evidence import evidence
+from deltaid.checks.wiring.course import TorqueCourse
+from deltaid.checks.wiring.explained import RemappedRecording
+from deltaid.checks.wiring.residual import motion
 from deltaid.checks.wiring.wiring import checked_wiring, checked_wirings
 from deltaid.errors import RecordingError
 from deltaid.model.settings import Settings
@@ -21,6 +24,18 @@ from plants import true_parameters
 from wired import RATE, Columns, bad, evidence_of, recorded
 
 NAME = "clavel-delta3"
+
+
+def test_a_course_has_torques_of_a_fit_in_newton_metres() -> None:
+    record = evidence_of(NAME, recorded(NAME))
+    moved = motion(record.on_time)
+    assert moved is not None
+    course = TorqueCourse.from_recording(RemappedRecording(record, moved, ()))
+    assert course is not None
+    off = np.sqrt(np.mean((course.fitted - course.recorded) ** 2, axis=1))
+    assert np.all(off < 0.02 * course.recorded.std(axis=1))
+    at = course.first + course.every * np.arange(len(course.time))
+    np.testing.assert_allclose(course.fine[:, at], course.recorded, rtol=1e-3, atol=1e-3)
 
 
 def scaled(first: int, last: int, factor: float, drive: int | None = None) -> Columns:
