@@ -122,8 +122,8 @@ def styled(text: str, style: str = "bold") -> Text:
 def print_json(value: Mapping[str, Any]) -> None:
     """One JSON object on standard output, with times as text and arrays as lists."""
 
-    def plain(of: Any) -> Any:
-        return of.isoformat(timespec="seconds") if isinstance(of, datetime) else of.tolist()
+    def plain(item: Any) -> Any:
+        return item.isoformat(timespec="seconds") if isinstance(item, datetime) else item.tolist()
 
     text = json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False, default=plain)
     print(_CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text))
